@@ -238,16 +238,15 @@ def package_of(path: Path) -> str:
 
 
 def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
-    """Return the test files that mirror or import a module, and the others of its package and its nodes."""
-    package, dotted = package_of(path), ".".join(path.with_suffix("").parts)
-    files = [*(root / "test" / package).rglob("test_*.py")]
-    files += (root / "test" / "nodes").glob(f"test_{package.partition('/')[0]}*.py")
-    words, mirror = (dotted, f"from {dotted.rpartition('.')[0]} import"), f"test_{path.stem.strip('_')}.py"
-    near, others = list[str](), list[str]()
-    for file in [*sorted(files), *sorted((root / "test" / "laws").glob("test_*.py"))]:
-        is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in words)
-        if is_near or file.parent.name != "laws":  # a law is of those that it imports
-            (near if is_near else others).append(str(file.relative_to(root)))
+    """Return the test files that mirror or name a module, and the others of its package and its nodes."""
+    package, parent, name = package_of(path), ".".join(path.parts[:-1]), path.stem
+    named = re.compile(rf"\b{parent}\.{name}\b|from {parent} import .*\b{name}\b")
+    own, near, others = f"test_{package.partition('/')[0]}", list[str](), list[str]()
+    for folder in (package, "nodes", "laws", "config"):
+        for file in sorted((root / "test" / folder).rglob("test_*.py")):
+            is_near = file.name.endswith(f"_{name.strip('_')}.py") or named.search(file.read_text(encoding="utf-8"))
+            if is_near or folder == package or file.name.startswith(own):
+                (near if is_near else others).append(str(file.relative_to(root)))
     return near, others
 
 

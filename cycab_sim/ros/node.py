@@ -53,13 +53,13 @@ class CycabSim(ManagedNode):
         self.add_service("~/resume", Trigger, self.on_resume)
         self.add_service("~/teleport", Teleport, self.on_teleport)
         self.add_service("~/set_fault", SetFault, self.on_set_fault)
+        self.has_told = self.has_shown = self.is_paused = False
         self.report("simulation", OK, "ready")
 
     def activate(self) -> None:
         """Let time pass."""
         self.outputs.publish_statics()
-        self.has_told = self.has_shown = self.is_paused = False
-        self.taught.publish(Bool(data=False))
+        self.taught.publish(Bool(data=self.has_told))
         self.runner.start()
 
     def deactivate(self) -> None:
@@ -139,7 +139,7 @@ class CycabSim(ManagedNode):
 
         def move() -> None:
             T_world_base = conversions.pose_to_se3(request.pose)
-            x, y, _ = map(float, T_world_base.translation)
+            x, y, _ = T_world_base.translation.tolist()
             self.simulator.teleport(x, y, float(T_world_base.yaw), request.speed)
 
         return self.answer(response, move)

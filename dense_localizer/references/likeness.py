@@ -145,8 +145,8 @@ def correlate_poses(
     pose, point = np.nonzero(local @ np.array(axis) >= np.cos(angle) * np.linalg.norm(local, axis=-1))
     pixels, is_visible = level.camera.project(local[pose, point])
     pose, point, (u, v) = pose[is_visible], point[is_visible], pixels[is_visible].T
-    column = np.clip(np.rint(u), 0, level.camera.width - 1).astype(np.int64) + level.pad
-    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)
+    column = np.rint(u).astype(np.int64) + level.pad
+    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)  # a whole sphere sees its poles
     seen, known = level.image[row, column].astype(np.float64), intensity[point].astype(np.float64)
     count, number = np.bincount(pose, minlength=len(local)), len(local)
     products = seen, known, seen * known, seen**2, known**2

@@ -334,8 +334,7 @@ class Mission:
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
     def _start(self, now: float) -> Request | None:
-        is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
-        return self._ask("resume" if is_paused else "start")
+        return self._ask("resume" if self.view is not None and self.view.state == FollowerState.PAUSED else "start")
 
     def _ask(self, name: str, course: Course | None = None) -> Request:
         return Request(name, self.permission, course)
@@ -344,6 +343,7 @@ class Mission:
         view = self.view
         if view is None or now - view.at > MAX_SILENCE:
             if now - self._since > MAX_SILENCE:
+                self.view = None  # what it said last holds no more
                 self._go(MissionState.HELD, now, "no status of path_follower: see that it runs, then call resume")
         elif (
             view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
@@ -369,7 +369,7 @@ class Mission:
         elif view.reason in WAITED_FOR and self.params.is_resuming:
             self._go(MissionState.WAITING, now, text)
         else:
-            self._go(MissionState.HELD, now, f"{text.replace('call start', 'call resume')}")
+            self._go(MissionState.HELD, now, text.replace("call start", "call resume"))
 
     def _at_obstacle(self, now: float) -> Request | None:
         """Try again and again; what stays closes the edge that it stands on."""

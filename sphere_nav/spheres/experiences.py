@@ -63,7 +63,7 @@ def with_service(
     changes = {}
     for node in graph:
         new = told.get(node.id, Service(0, node.last_served_ns or (node.stamp_ns if own else 0)))
-        is_counted = bool(node.served or node.last_served_ns)
+        is_counted = node.last_served_ns > 0
         before = node.served if is_counted else first
         mean = before + (1.0 - FADING) * (new.num_images - shares[node.experience] * before)
         begins = node.id in own or not (is_counted or own)

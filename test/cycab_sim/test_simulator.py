@@ -45,6 +45,8 @@ def test_the_same_run_gives_the_same_bits(small_params):
 def test_camera_faults_change_what_is_captured(small_params):
     simulator = Simulator(small_params)
     before = simulator.capture("camera").image.astype(float)
+    beam = (simulator.T_world_base.inverse() @ simulator.renderer.torch).apply([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]])
+    np.testing.assert_allclose(beam, [[1.5, 0.0, 0.7], [21.5, 0.0, 0.18]], atol=0.01)  # from the nose to the ground
     faults = simulator.faults
     faults.add("camera", "exposure", 0.5, 0.0, 0.0, simulator.time_ns)
     dark = simulator.capture("camera").image.astype(float)

@@ -59,6 +59,7 @@ def test_a_start_stands_still_and_is_unsure():
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
+    assert len(list(prior.propose(LocalizerInput(STEP_NS)))) == 1  # what moves may stand, too
     # 5 m/s, 1 rad/s, and the acceleration of 0.1 s
     sigmas = np.repeat([0.5 + 0.5 * PARAMS.acceleration * 0.01, 0.1 + 0.5 * PARAMS.angular_acceleration * 0.01], 3)
     np.testing.assert_allclose(np.diagonal(prediction.covariance), np.diagonal(TIGHT) + sigmas**2)
@@ -178,6 +179,8 @@ def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
     assert prior.predict(3 * slow).finding.reason == ""
     assert prior.predict(5 * slow).finding.reason == "GAP"
     prior.reset()
+    with pytest.raises(ValueError, match="expected a started prior"):
+        prior.predict(slow)
     prior.start(truth[0], TIGHT, 0)
     assert prior.predict(slow).finding.reason == "GAP"
 

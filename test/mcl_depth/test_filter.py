@@ -56,8 +56,12 @@ def test_a_pose_is_told_with_how_sure_it_is_and_lost_once_blind_for_longer_than_
 
 
 def test_from_nowhere_the_place_is_withheld_until_it_is_proven(site):
-    filter_ = site.filter()
-    estimates = [filter_.update(observe(site, pose, number)) for number, pose in enumerate(POSES)]
+    filter_, estimates, new = site.filter(), [], []
+    for number, pose in enumerate(POSES):
+        estimates.append(filter_.update(observe(site, pose, number)))
+        new.append(np.mean(filter_.particles.ages == 2))  # particles where the survey has found places
+    assert new[0] == 0.3
+    assert [share >= 0.3 for share in new] == [one.status.state is State.SEARCHING for one in estimates]
     early = [estimate.status for estimate in estimates if estimate.status.p_chance >= 1e-3]
     assert all(status.state is State.SEARCHING for status in early)
     assert "give an initial pose" in early[-1].remedy

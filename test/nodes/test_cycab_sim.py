@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
@@ -23,9 +23,12 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.ros.node import CycabSim
-from sphere_nav.ros import qos
+from cycab_sim.runner import PAUSE
+from cycab_sim.vehicle import VehicleCommand
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
-from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns
 from worlds.patience import Patience
 
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
@@ -105,13 +108,6 @@ class Driver:
             self.executor.spin_once(timeout_sec=0.05)
         return condition()
 
-    def call(self, name, kind, request):
-        client = self.node.create_client(kind, name)
-        assert self.spin_until(client.service_is_ready, 60.0)
-        future = client.call_async(request)
-        assert self.spin_until(future.done, 60.0)
-        return future.result()
-
 
 @pytest.fixture(scope="module")
 def process():
@@ -182,41 +178,38 @@ def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
 
 
 @pytest.mark.dds
-def test_services_answer(driver):
-    fault = SimulationFault(target="sphere", kind="silent")
-    answer = driver.call("cycab_sim/set_fault", SetFault, SetFault.Request(fault=fault))
-    assert answer.success
-    assert [(item.target, item.kind) for item in answer.active] == [("sphere", "silent")]
-    refused = driver.call(
-        "cycab_sim/set_fault", SetFault, SetFault.Request(fault=SimulationFault(target="x", kind="silent"))
-    )
-    assert not refused.success
-    assert refused.message.startswith("fault.target: expected one of camera")
-    assert driver.call("cycab_sim/set_fault", SetFault, SetFault.Request(clear=True)).active == []
-    request = Teleport.Request(speed=0.0)
-    request.pose.position.x, request.pose.position.y, request.pose.orientation.w = 20.0, -0.5, 1.0
-    assert driver.call("cycab_sim/teleport", Teleport, request).success
-    heard = driver.heard["ground_truth/odometry"]  # what was sent before comes first
-    assert driver.spin_until(lambda: abs(odometry_to_se3(heard[-1])[0].translation[0] - 20.0) < 0.5, 60.0)
-    request.pose.orientation.w = 0.0
-    assert "quaternion" in driver.call("cycab_sim/teleport", Teleport, request).message
-
-
-@pytest.mark.dds
 def test_a_simulator_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=120.0) == 0
     assert "Traceback" not in process.stderr.read()
 
 
-@pytest.mark.slow
-def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
+def offline(**values):
+    """A node that is configured, and its bus; names of parameters have __ for dots."""
     bus = OfflineBus()
-    values = {"world": "corridor", "camera.period": 0.0, "clock.real_time_factor": 0.0}
-    node = CycabSim(OfflineShell(bus, "cycab_sim", values, {}))
+    given = {"world": "corridor", "camera.size": "16,16", "sphere.width": 0, "clock.real_time_factor": 0.0}
+    given |= {"render.shadow_texel": 0.5} | {name.replace("__", "."): value for name, value in values.items()}
+    node = CycabSim(OfflineShell(bus, "cycab_sim", given, {}))
     node.configure()
-    request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
-    assert node.endpoints.call("set_fault", request).success
+    return node, bus
+
+
+def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
+    node, _ = offline(camera__period=0.0)
+    fault = SimulationFault(target="odom", kind="slip", magnitude=0.5, start=3.0, duration=2.0)
+    answer = node.endpoints.call("set_fault", SetFault.Request(fault=fault))
+    assert (answer.success, answer.active) == (True, [fault])
+    wrong = SimulationFault(target="x", kind="silent")
+    refused = node.endpoints.call("set_fault", SetFault.Request(fault=wrong))
+    assert (refused.success, refused.active) == (False, [fault])
+    assert refused.message.startswith("fault.target: expected one of camera")
+    assert "nothing to resume" in node.endpoints.call("resume").message
+    pose = conversions.se3_to_pose(SE3.from_planar(20.0, -0.5, 0.3))
+    assert node.endpoints.call("teleport", Teleport.Request(pose=pose, speed=0.7)).success
+    pose.orientation.w = pose.orientation.z = 0.0
+    assert "quaternion" in node.endpoints.call("teleport", Teleport.Request(pose=pose)).message
+    state = node.simulator.vehicle.state
+    assert (state.x, state.y, state.yaw, state.speed) == pytest.approx((20.0, -0.5, 0.3, 0.7))
     for _ in range(3):
         before = node.simulator.time_ns
         node.activate()
@@ -225,4 +218,29 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
             time.sleep(0.001)
         node.deactivate()
         assert node.simulator.time_ns > before
-        assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).success
+        assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).active == []
+
+
+def test_time_is_told_with_whom_it_waits_for_and_goes_on_when_asked():
+    node, bus = offline(clock__is_strict=True)
+    assert node.find_lack() == "a publisher of cmd_vel"  # who sees the images is there
+    for _ in range(2):
+        node.tell_waiting(PAUSE)
+    said = [(one.topic, one.message) for one in bus.settle()]
+    assert [topic for topic, _ in said] == ["/clock", "/paused", "/clock"]
+    assert conversions.time_to_ns(said[0][1].clock) == node.simulator.time_ns
+    assert node.endpoints.call("resume").success
+    assert node.runner.resumed.is_set()
+    assert [node.hand_out(name) for name in ("clock", "odom", "camera")] == [None, None, node.simulator.time_ns]
+    for wrong in ({"camera__period": 0.0}, {"has_stamped_command": False}):
+        with pytest.raises(ValueError, match=r"clock\.is_strict: expected has_stamped_command and camera\.period > 0"):
+            offline(clock__is_strict=True, **wrong)
+
+
+def test_commands_drive_by_their_stamp_and_without_one_by_their_arrival():
+    twist = Twist(linear=Vector3(x=1.5), angular=Vector3(z=-0.2))
+    for message in (TwistStamped(header=conversions.header(10**9, ""), twist=twist), TwistStamped(twist=twist), twist):
+        node, _ = offline(has_stamped_command=message is not twist, camera__period=0.0)
+        node.on_command(message)
+        node.runner.turn()
+        assert node.simulator._applied == VehicleCommand(1.5, -0.2)

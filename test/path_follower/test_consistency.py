@@ -9,7 +9,7 @@ from path_follower.consistency import MotionConsistency, judge_covariance
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, compose_poses
+from path_follower.path import Pose2, between, compose_poses
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import ORIGIN, Motion, Predictor, drive
 
@@ -130,6 +130,31 @@ def test_with_wheels_a_slow_drift_is_noticed_before_the_pose_is_far_off(sign, sp
         reason, seconds = car.suffer(drift(along, aside))
         assert reason is StopReason.POSE_INCONSISTENT
         assert math.hypot(along, aside) * seconds <= (1.25 if speed == 2.0 else 1.0) * limit
+
+
+@pytest.mark.parametrize("axis", range(3), ids=["along", "across", "yaw"])
+@pytest.mark.parametrize("has_odometry", [False, True])
+def test_only_what_dead_reckoning_cannot_be_wrong_by_adds_up(has_odometry, axis):
+    """0.04 a step, while the vehicle slows down and its bend opens: shares of the way and turn, and 0.15 or 0.03 s."""
+    car = Car(motion=Motion(1.0, 0.3), has_odometry=has_odometry)
+    for _ in range(30):
+        car.move()
+    pose = car.true
+    car.consistency.see_pose(pose, STATED, car.now, is_driving=True)
+    car.motion, way, turn = Motion(0.5, 0.1), 0.0, 0.0
+    for _ in range(40):
+        before = car.true
+        car.move()
+        step = between(before, car.true)
+        way, turn = way + math.hypot(step.x, step.y), turn + step.yaw
+        pose = compose_poses(pose, Pose2(*(np.array(step) + 0.04 * (np.arange(3) == axis))))
+        doubt = car.consistency.see_pose(pose, STATED, car.now, is_driving=True)
+    along, across, a_meter, a_turn, seconds = (
+        (0.07, 0.03, 0.02, 0.1, 0.03) if has_odometry else (0.2, 0.06, 0.03, 0.1, 0.15)
+    )
+    slower = Motion(1.0, 0.3).yaw_rate(1.2) - Motion(0.5, 0.1).yaw_rate(1.2)
+    allowed = (along * way + seconds * 0.5, across * way, a_meter * way + a_turn * turn + seconds * slower)
+    assert doubt.share == pytest.approx((1.6 - allowed[axis]) / (0.25, 0.25, 0.12)[axis], rel=0.01)
 
 
 @pytest.mark.parametrize("slip", [0.06, -0.06])

@@ -128,7 +128,8 @@ FILES = {
     "test/car/test_steering.py": "from car import steer\n\n\ndef test_it():\n    assert steer(4, 1) == 3\n",
     "test/car/test_wrong.py": "from car import law\n\n\ndef test_it():\n    assert False\n",
     "test/nodes/test_car_driver_speed.py": "from car.ros import driver\n",
-    "test/nodes/test_other.py": "from car.ros import driver\n",
+    "test/nodes/test_other.py": "from car.ros.driver import y\n",
+    "test/config/test_yaml_matches_params.py": "",
 }
 
 
@@ -142,8 +143,13 @@ def project(tmp_path):
 
 def test_tests_that_mirror_or_import_a_module_run_first(project):
     near, rest = near_and_other_tests(project, Path("car/law.py"))
-    assert near == [f"test/car/test_{name}.py" for name in ("law", "steering", "wrong")]
-    assert rest == ["test/car/test_a_page.py", "test/car/test_follower.py", "test/nodes/test_car_driver_speed.py"]
+    assert near == [f"test/car/test_{name}.py" for name in ("law", "wrong")]
+    others = [f"test/car/test_{name}.py" for name in ("a_page", "follower", "steering")]
+    assert rest == [*others, "test/nodes/test_car_driver_speed.py"]
+    near, _ = near_and_other_tests(project, Path("sphere_nav/geometry/params.py"))
+    assert near == ["test/config/test_yaml_matches_params.py"]
+    near, _ = near_and_other_tests(project, Path("car/ros/driver.py"))
+    assert near == [f"test/nodes/test_{name}.py" for name in ("car_driver_speed", "other")]
     near, rest = near_and_other_tests(project, Path("sphere_nav/geometry/angles.py"))
     assert (near, rest) == (["test/sphere_nav/geometry/test_angles.py"], ["test/sphere_nav/geometry/test_far.py"])
 

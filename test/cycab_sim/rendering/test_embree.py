@@ -8,9 +8,8 @@ from cycab_sim.rendering.renderer import Renderer
 pytestmark = pytest.mark.skipif(find_library() is None, reason="no Embree 4 with packets of eight rays")
 
 
-@pytest.mark.parametrize("num", [3001])
-def test_packets_meet_what_single_rays_meet(box_mesh, rng, num):
-    renderer = Renderer(box_mesh, RenderParams(shadow_texel=0.5), LightParams())
+def test_packets_meet_what_single_rays_meet(box_mesh, rng):
+    renderer, num = Renderer(box_mesh, RenderParams(shadow_texel=0.5), LightParams()), 3001
     rays = rng.normal(size=(num, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rays[::5] = np.nan  # outside of a lens
@@ -22,4 +21,4 @@ def test_packets_meet_what_single_rays_meet(box_mesh, rng, num):
         found.append((triangles, ranges))
     np.testing.assert_array_equal(found[0][0], found[1][0])
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-6)
-    assert num < 8 or np.isfinite(found[0][1]).any()
+    assert np.isfinite(found[0][1]).any()

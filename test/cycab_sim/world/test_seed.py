@@ -11,7 +11,7 @@ from cycab_sim.world import building, city, furniture, season, street, town
 from cycab_sim.world.mesh import Mesh, MeshBuilder, joined, placed
 from cycab_sim.world.traffic import figures, loops
 from cycab_sim.world.traffic.traffic import Traffic
-from cycab_sim.world.worlds import GroundProfile, World, build_world
+from cycab_sim.world.worlds import GroundProfile, World, build_world, geometry_cloud
 
 AT = placed(3.0, -2.0, 0.7, 0.12)
 BLOCK = (3.75, 3.75, 41.0, 31.0)
@@ -79,6 +79,8 @@ THINGS = {
     "square": lambda: [drawn(city._add_square, seeds=range(1))],
     "rails and views": lambda: [drawn(lambda mesh, _: city._add_rails(mesh)), drawn(city._close_views, seeds=[0])],
     **{kind: lambda kind=kind: [build_world(kind, 3).mesh] for kind in ("corridor", "ramp")},
+    "cloud": lambda: [geometry_cloud(3, 0.5, "corridor")],
+    "views": lambda: [drawn(town._close_views, PLAN, seeds=[0])],
     "town": lambda: [town.build_town(5)[0]],
     "parked cars": lambda: [season.change_season(block(), SeasonParams(parked=2), 5)],
     "autumn": lambda: [season.change_season(block(), SeasonParams(leaves="yellow"), 5)],
@@ -95,7 +97,7 @@ NUMBERS = {
     "car": -0.549624, "lamp": 0.365278, "traffic_sign": 1.947710, "bollard": -0.540807, "box": -2.256028,
     "bench": -2.831116, "tree": 1.916368, "monument": -2.749808, "kiosk": -2.022435, "hedge": -5.361531,
     "house": 0.524900, "row": -5.310562, "block": -4.853642, "square": 2.324253,
-    "rails and views": -1.242157, "town": 4.933649, "parked cars": 11.578493,
+    "rails and views": -1.242157, "cloud": -1.289453, "views": 1.496722, "town": 4.933649, "parked cars": 11.578493,
     "autumn": -4.901163, "winter": -3.546974, "tram": -2.741106, "pedestrian": 2.647092, "cyclist": 7.738381,
     "ways": 1.725270, "paths": 3.485482, "walks": -1.663502, "traffic": 7.614327, "who keeps off": -0.448396,
 }  # fmt: skip

@@ -50,6 +50,7 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
         monkeypatch.setattr("dense_localizer.judge.integrity.find_rig_structure", lambda *given, it=structure: it)
         candidate = Integrity(references, params).assess(chosen, aligned, guess)
         assert (candidate.is_accepted, candidate.chance, candidate.is_by_parts) == (True, chance, chance < 1e-7)
+        assert candidate.is_biased  # what has changed may pull
     references.close()
 
 

@@ -69,7 +69,7 @@ def test_how_even_the_ground_is_the_taught_vehicle_tells():
 
 def test_nothing_is_expected_of_a_hand_held_map_or_where_nobody_tells_the_mounting():
     rng = np.random.default_rng(4)
-    by_hand = [T @ SE3.exp(rng.normal(0.0, [0.1, 0.1, 0.1, 0.1, 0.1, 0.3])) for T in climb(0.0)]
+    by_hand = [T @ SE3.exp(rng.normal(0.0, [0.1, 0.1, 0.1, 0.05, 0.05, 0.3])) for T in climb(0.0)]  # differ by 0.08
     for ground in (
         ground_of(by_hand),
         ground_of(climb(0.0), T_base_sphere=None),

@@ -86,24 +86,12 @@ def test_a_pose_far_from_all_key_spheres_is_refused(room_map, away_m, is_refused
         search.request(far)
 
 
-@pytest.mark.slow
-def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
-    references = References(room_map, PARAMS)
-    search = PoseSearch(references, PARAMS)
-
-    def find(pyramid, stamp_ns):
-        frame = LocalizerInput(stamp_ns, images=(RigImage(pyramid),))
-        return search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
-
-    nothing = build_pyramid(np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8), PINHOLE)
-    search.start_near(at(0.0), LocalizerInput(10**9))
-    assert find(nothing, 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
-    assert find(pyramid_at(room, at(0.0)), 1_100_000_000).candidate is not None  # near the lost pose: at once
-    search.start_near(at(0.0), LocalizerInput(10**9))
-    find(nothing, 1_400_000_000)
-    pose = at(-2.0, 0.2, 3.0)
-    assert find(pyramid_at(room, pose), 1_450_000_000).candidate is None  # elsewhere: after the pause
-    assert find(pyramid_at(room, pose), 1_950_000_000).candidate is not None
+def test_a_lost_pose_is_tried_at_once_for_two_seconds_and_the_whole_map_every_half(asked):
+    search, ask = asked
+    search.start_near(at(0.25), LocalizerInput(10**9))
+    rounds = ask(10, 0.25)
+    assert [any(one.is_near for one in tried) for tried in rounds] == [True] * 9 + [False]
+    assert [any(not one.is_near for one in tried) for tried in rounds] == [True, False] * 5
 
 
 def test_a_vehicle_lost_for_long_is_searched_for_in_another_light_and_turned(asked):

@@ -11,34 +11,57 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason, Verdict
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, at, locate, make_map
 from worlds.room import sharp_room
 
-pytestmark = pytest.mark.slow
+PARAMS = build(LocalizerParams, SMALL_IMAGES | {"prior.max_blind_m": 0.1})
 
-PARAMS = build(LocalizerParams, SMALL_IMAGES)
+
+@pytest.fixture(scope="module")
+def maps(room):
+    """References of the room, and of another one."""
+    other = sharp_room((5.0, 3.0, 1.5), seed=3)
+    found = [References(make_map(one, [SE3.identity()]), PARAMS) for one in (room, other)]
+    Track(room, found[0]).see(at(0.0))  # what that loads is charged to no test
+    yield found
+    for one in found:
+        one.close()
 
 
 class Track:
-    def __init__(self, room, sphere_map):
+    def __init__(self, room, references):
         self.room, self.prior, self.k = room, PosePrior(PARAMS.prior), 0
-        self.references = References(sphere_map, PARAMS)
-        self.visual_odometry = VisualOdometry(self.references, PARAMS)
+        self.visual_odometry = VisualOdometry(references, PARAMS)
+        self.use(references)
         self.prior.start(at(0.0), 1e-5 * np.eye(6), 0)
 
-    def see(self, pose, change=lambda by_map: by_map, *, is_trusted=True):
-        """Return the candidate by the map, changed, and the one in force."""
+    def use(self, references):
+        self.references = self.visual_odometry._references = references
+
+    def see(self, pose, change=lambda by_map: by_map, *, is_trusted=True, light=1.0):
+        """Return the candidate by the map, in its light, changed, and the one in force."""
         self.k += 1
-        image = RigImage(build_pyramid(self.room.photograph(PINHOLE, pose, self.k), PINHOLE))
-        frame = LocalizerInput(self.k * STEP_NS, images=(image,))
-        by_map = change(locate(frame.images, self.references, PARAMS, next(self.prior.propose(frame))))
+        image = self.room.photograph(PINHOLE, pose, self.k)
+        plain, lit = (RigImage(build_pyramid(one.astype(np.uint8), PINHOLE)) for one in (image, light * image))
+        frame = LocalizerInput(self.k * STEP_NS, images=(lit,))
+        by_map = change(locate((plain,), self.references, PARAMS, next(self.prior.propose(frame))))
         found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
         if found.is_accepted:
             self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
         return by_map, found
+
+
+@pytest.fixture
+def track(room, maps):
+    """One that the map has placed three times, at 0.4 m/s."""
+    made = Track(room, maps[0])
+    for k in range(1, 4):
+        assert made.see(at(0.02 * k))[1].is_by_map
+    return made
 
 
 def pulled(by_map, off_m):
@@ -47,14 +70,14 @@ def pulled(by_map, off_m):
     return replace(by_map, T_map_camera=T, alignment=replace(by_map.alignment, ncc=0.5))
 
 
-def test_where_the_map_refuses_or_contradicts_the_last_image_places(room):
-    hidden = make_map(sharp_room((5.0, 3.0, 1.5), seed=3), [SE3.identity()])
-    track, steps = Track(room, make_map(room, [SE3.identity()])), []
-    right = track.references
-    for k in range(1, 4):
-        track.see(at(0.02 * k))
-    track.references = track.visual_odometry._references = References(hidden, PARAMS)  # the map is another from now on
-    for k in range(4, 8):
+def hidden(by_map):
+    return by_map.refuse(Verdict(Reason.OUTLIERS))
+
+
+def test_where_the_map_is_of_another_place_the_last_image_places_and_its_errors_add_up(track, maps):
+    track.use(maps[1])
+    steps = []
+    for k in range(4, 6):
         by_map, found = track.see(at(0.02 * k))
         assert not by_map.is_accepted
         assert (found.is_accepted, found.is_by_map) == (True, False)
@@ -62,16 +85,38 @@ def test_where_the_map_refuses_or_contradicts_the_last_image_places(room):
         assert track.visual_odometry.is_needed
         steps.append(np.trace(found.alignment.covariance))
         exact = replace(track.visual_odometry._way, noise=None).covariance_at(found.T_map_camera)
-        assert np.trace(found.covariance - exact) == pytest.approx(sum(steps), rel=0.2)  # errors of the steps add up
-    track.references = track.visual_odometry._references = right
-    by_map, found = track.see(at(0.16), lambda one: pulled(one, 0.5))  # as by a lamp: it fits badly, and elsewhere
+        assert np.trace(found.covariance - exact) == pytest.approx(sum(steps), rel=0.2)
+
+
+def test_a_map_that_contradicts_the_last_images_is_believed_where_they_are(track):
+    track.see(at(0.08), hidden)
+    by_map, found = track.see(at(0.1), lambda one: pulled(one, 0.5))  # as by a lamp: it fits badly, and elsewhere
     assert (by_map.is_accepted, found.is_by_map) == (True, False)
-    assert found.T_map_camera.distance(at(0.16)) < (0.02, 0.01)
-    assert track.see(at(0.18), lambda one: pulled(one, 0.0))[1].is_by_map  # where the last images say
+    assert found.finding.reason is Reason.JUMP_REJECTED
+    assert found.T_map_camera.distance(at(0.1)) < (0.02, 0.01)
+    assert track.see(at(0.12), lambda one: pulled(one, 0.0))[1].is_by_map  # where the last images say
     assert not track.visual_odometry.is_needed
-    track.references = track.visual_odometry._references = References(hidden, PARAMS)
-    _, found = track.see(at(0.2), is_trusted=False)  # a pose on probation is not propagated by images
-    assert not found.is_accepted
+    assert track.see(at(0.14), lambda one: pulled(one, 0.5))[1].is_by_map  # nothing speaks against it
+
+
+def test_images_alone_place_what_is_trusted_and_recent_for_a_stated_way(track):
+    assert not track.see(at(0.08), hidden, is_trusted=False)[1].is_accepted
+    assert track.see(at(0.1), hidden)[1].is_accepted
+    track.k += 6  # 0.3 s without an image
+    assert not track.see(at(0.24), hidden)[1].is_accepted
+    assert track.see(at(0.26))[1].is_by_map
+    found = [track.see(at(0.26 + 0.04 * k), hidden)[1] for k in range(1, 6)]
+    assert [one.is_accepted for one in found] == [True, True, True, False, False]  # beyond 0.1 m
+    assert "by the last images alone for 0.1 m of 0.1" in found[2].finding.detail
     track.visual_odometry.reset()
     assert not track.visual_odometry.is_needed
-    assert not track.see(at(0.22))[1].is_accepted
+
+
+def test_light_that_changes_with_each_image_is_bridged_twice(track):
+    left = np.arange(PINHOLE.width) < PINHOLE.width / 2
+    for k, is_bridged in ((4, True), (5, True), (6, False)):
+        _, found = track.see(at(0.02 * k), hidden, light=np.where(left == k % 2, 0.15, 1.0))
+        assert found.is_accepted == is_bridged
+        assert not is_bridged or found.T_map_camera.distance(at(0.02 * k)) < (0.02, 0.01)
+    assert track.see(at(0.14))[1].is_by_map
+    assert not track.see(at(0.16), hidden, light=0.0)[1].is_accepted  # gradients say nothing

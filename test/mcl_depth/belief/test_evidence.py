@@ -107,6 +107,7 @@ def test_images_of_another_place_are_chance():
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
+    assert survey.tolerance_m == 1.0  # two cells
     assert min(found) > 1e-3  # of what is there by chance
     assert max(found) > 0.3
 

@@ -25,8 +25,8 @@ def l_shape():
     return (np.array(sorted(cells)) + 0.5) * EDGE
 
 
-@pytest.mark.parametrize("reach", [3])
-def test_rows_around_a_pose_are_those_of_a_search(reach):
+def test_rows_around_a_pose_are_those_of_a_search():
+    reach = 3
     for pose in [(0.3, -0.2, 1.0), (-1.9, 3.4, 0.0), (-9.0, 0.0, 0.0)]:
         grid = SurveyGrid(depth_map(), l_shape())
         rows = grid.rows_around(np.array(pose), reach)

@@ -48,6 +48,9 @@ def test_a_wall_keeps_its_distance_and_the_room_behind_it_is_kept_if_it_is_large
     assert area.contains(places).tolist() == [True, True]
     smaller = area_of(points, AreaParams(min_piece=8.0))  # the part behind the wall has 7 m2
     assert smaller.contains(places).tolist() == [True, False]
+    limits = np.array([1.0, 0.5, 4.0, 3.2])
+    middles = area_of(points, AreaParams(limits="1,0.5,4,3.2")).middles
+    np.testing.assert_allclose(np.append(middles.min(axis=0), middles.max(axis=0)), limits, atol=0.5 * PARAMS.step)
 
 
 def test_without_a_free_place_there_is_no_area():

@@ -12,7 +12,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
-from mcl_depth.geometry.las import read_las
+from mcl_depth.geometry.las import count_las, read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.synthesis import DepthSynthesizer
@@ -84,6 +84,8 @@ def test_an_absurd_count_is_refused_before_memory_is_taken(tmp_path: Path) -> No
         (tmp_path / name).write_bytes(ABSURD[name])
         with pytest.raises(ValueError, match=r"expected.*found"):
             read_geometry(tmp_path / name)
+    (tmp_path / "e.las").write_bytes(las())
+    assert count_las(tmp_path / "e.las") == 3
 
 
 def test_a_pcd_holds_numbers_of_any_size_beside_the_points(tmp_path: Path) -> None:

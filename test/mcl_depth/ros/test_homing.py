@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,6 +19,8 @@ from path_follower.ros.node import PathFollowerNode
 from path_follower.vehicle import Motion
 from path_follower.vehicle import drive as driven
 from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.params import build
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import pose_to_se3, poses_to_path, stamp_ns
 from sphere_nav.ros.node import ManagedNode
@@ -72,22 +76,42 @@ def test_the_same_path_again_goes_on_and_another_one_begins():
     assert guide.homing is not homing
 
 
-@pytest.mark.slow
-def test_beside_a_waypoint_the_direction_leads_to_the_path_beyond_it(eye, cloud):
-    bench = bench_of(eye, cloud)
-    bench.send("/reference_path", path_message())
-    waypoint = bench.node.guide.homing.waypoints[0]
-    for _ in range(3):
-        answer = bench.see(SE3.from_planar(waypoint[0] - 0.2, waypoint[1] - 0.5, 0.0))  # the eye is 0.2 m ahead
-    direction = answer["/homing/direction"]
-    assert direction.header.frame_id == "base_link"
-    assert stamp_ns(direction) == bench.now
-    yaw = float(pose_to_se3(direction.pose).yaw)
-    beyond = math.atan2(0.5, 2 * 0.5)  # as far ahead as the samples reach; they are 22.5 degrees apart
-    assert abs(yaw - beyond) < np.radians(20.0)
-    status = answer["/homing/status"]
+class Alike(NamedTuple):
+    """A comparison that knows where the vehicle stands and heads."""
+
+    place: np.ndarray
+    yaw: float
+
+    def curves(self, samples):
+        near = np.exp(-np.linalg.norm(samples - self.place, axis=1))
+        return near[:, None] * (2.0 + np.cos(2.0 * np.pi * np.arange(72) / 72 - self.yaw))
+
+
+def test_the_direction_leads_to_the_path_beyond_the_next_waypoint_and_from_there_to_the_end():
+    bus = OfflineBus()
+    guide = HomingGuide(bus.add(ManagedNode).endpoints, build(MclDepthParams, SETTINGS))
+    bus.deliver("/reference_path", path_message())
+
+    def see(place, yaw):
+        guide.answer(SimpleNamespace(comparison=Alike(place, yaw)), Status(State.TRACKING), SECOND)
+        said = {one.topic: one.message for one in bus.settle()}
+        return said["/homing/direction"], said["/homing/status"]
+
+    waypoints = guide.homing.waypoints
+    length = np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum()
+    direction, status = see(waypoints[0] - 0.5 * np.sqrt(0.5), 0.3)  # behind and to the right
+    assert (direction.header.frame_id, stamp_ns(direction)) == ("base_link", SECOND)
+    ahead = (waypoints[1] - waypoints[0]) / np.linalg.norm(waypoints[1] - waypoints[0])
+    x, y = 0.5 * np.sqrt(0.5) + 2 * 0.5 * ahead  # as far as the samples reach
+    assert float(pose_to_se3(direction.pose).yaw) == pytest.approx(math.atan2(y, x) - 0.3, abs=0.01)
     assert (status.state, status.reason, status.is_armed) == ("DRIVING", "", True)
-    assert (status.progress, status.distance_to_end > 3.0) == (0.0, True)
+    for number, waypoint in enumerate(waypoints):
+        for _ in range(2):  # images in a row
+            assert (status.state, guide.homing.next) == ("DRIVING", number)
+            assert status.progress + status.distance_to_end == pytest.approx(length)
+            assert status.progress == pytest.approx(length * max(number - 1, 0) / (len(waypoints) - 1), rel=0.01)
+            _, status = see(waypoint, 0.0)
+    assert (status.state, status.progress, status.distance_to_end) == ("FINISHED", pytest.approx(length), 0.0)
 
 
 @pytest.mark.slow

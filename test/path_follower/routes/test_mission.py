@@ -122,10 +122,13 @@ def test_a_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
     assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
 
 
-def test_a_mission_waits_for_a_localiser_that_searches(trip):
-    trip.localizer = "SEARCHING"
+def test_a_mission_waits_for_a_pose_and_for_a_localiser_that_searches(trip):
+    trip.silent = "pose"
     trip.mission.begin(GOAL, 0.0)
-    assert trip.live(5.0) == []
+    assert trip.live(1.0) == []
+    assert trip.mission.reason.startswith("no pose")
+    trip.silent, trip.localizer = "", "SEARCHING"
+    assert trip.live(4.0) == []
     assert trip.mission.reason == "the localiser is SEARCHING: wait for TRACKING, or call its relocalize"
     trip.localizer = "TRACKING"
     assert trip.live(0.5 * STEADY) == []
@@ -395,6 +398,10 @@ def test_pause_and_resume(trip):
     assert trip.mission.resume(trip.now) == ""
     assert trip.live(1.0) == ["resume"]
     assert trip.mission.state is MissionState.DRIVING
+    trip.silent = "follower"
+    assert trip.live(MAX_SILENCE + 5 * TICK) == []
+    assert trip.mission.state is MissionState.HELD
+    assert trip.mission.resume(trip.now) == "no status of path_follower: see that it runs"
 
 
 def test_rounds_that_are_left_after_a_stop(ring):

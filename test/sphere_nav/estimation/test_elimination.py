@@ -42,6 +42,8 @@ def test_what_is_known_beforehand_counts_as_many_pixels(rng):
     part = Part(H, -H @ [0.1, -0.2, 0.0, 0.0, 0.0], 60, 1.0)
     shared, _, _ = Elimination([part], np.array([0.5, 2.0]), np.zeros(SHARED)).step()
     np.testing.assert_allclose(shared, [0.05, -0.1])
+    both = Elimination([part, part], np.array([0.5, 2.0]), np.zeros(SHARED)).covariance()  # alike: no scatter
+    np.testing.assert_allclose(both, np.diag([0.25, 4.0]) / 9.0, rtol=1e-6)
 
 
 def test_a_step_is_measured_by_what_a_hundred_pixels_for_one_leave(rng):
@@ -58,6 +60,9 @@ def test_what_an_image_hardly_shows_of_its_own_steps_half_the_way_and_not_back()
     H = np.diag([1.0, 1.0, 1.0, 1.0, 1e-9])
     _, own, _ = Elimination([Part(H, -H.sum(axis=0), 60, 1.0)], NO_PRIOR, np.zeros(SHARED)).step()
     np.testing.assert_allclose(own, [[1.0, 1.0, 0.5]], rtol=1e-6)
+    H[0, 4] = H[4, 0] = np.sqrt(1e-9)
+    told = Elimination([Part(H, np.zeros(5), 60, 1.0)], NO_PRIOR, np.zeros(SHARED)).information_without(0, None)
+    np.testing.assert_allclose(told, 0.5, rtol=1e-6)
 
 
 def test_the_covariance_is_the_scatter_of_many_drives(rng):

@@ -6,6 +6,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import (
+    Statistics,
     absolute_errors,
     align_trajectories,
     directions_of_motion,
@@ -39,6 +40,11 @@ def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion():
         np.testing.assert_allclose(errors.longitudinal_m[inner], longitudinal, atol=1e-2 * np.linalg.norm(offset))
         np.testing.assert_allclose(errors.translation_m, np.linalg.norm(offset), atol=1e-12)
         np.testing.assert_allclose(errors.rotation_rad, 0.0, atol=1e-7)
+
+
+def test_errors_are_summed_up_by_their_size_and_unknown_ones_do_not_count():
+    assert Statistics.of(np.array([1.0, -7.0, np.nan, np.inf])) == Statistics(4.0, 5.0, pytest.approx(6.7), 7.0)
+    assert Statistics.of(np.array([np.nan])) is None
 
 
 def test_direction_is_known_at_standstill_and_without_any_motion():

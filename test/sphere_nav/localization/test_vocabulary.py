@@ -14,6 +14,7 @@ from sphere_nav.localization.status import (
     State,
     Status,
     Verdict,
+    describe_status,
     status_of,
 )
 
@@ -44,6 +45,8 @@ def test_a_status_leads_its_remedy_with_the_detail():
         assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
         detailed = status_of(State.LOST, 7, Verdict(Reason.OUTLIERS, detail="field"), package.REMEDIES)
         assert detailed.remedy == f"field; {plain.remedy}"
+        assert describe_status(detailed) == f"LOST: OUTLIERS (0, limit 0): {detailed.remedy}"
+        assert [describe_status(Status(State.LOST, remedy=text)) for text in ("", "wait")] == ["LOST", "LOST: wait"]
         advised = status_of(
             State.LOST, 7, Verdict(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
         )

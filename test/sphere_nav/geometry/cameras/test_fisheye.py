@@ -10,13 +10,12 @@ DISTORTION = (0.02, -0.005, 0.001, -0.0002)
 
 
 @pytest.mark.skipif(not hasattr(cv2, "fisheye"), reason="this OpenCV has no fisheye module")
-@pytest.mark.parametrize("distortion", [DISTORTION])
-def test_project_agrees_with_opencv(distortion):
-    camera = Fisheye(1280, 1024, 330.0, 329.0, 640.0, 510.0, distortion)
+def test_project_agrees_with_opencv():
+    camera = Fisheye(1280, 1024, 330.0, 329.0, 640.0, 510.0, DISTORTION)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.normal(size=(300, 2)), rng.uniform(0.2, 2.0, 300)])  # OpenCV: in front only
     K = np.array([[330.0, 0, 640.0], [0, 329.0, 510.0], [0, 0, 1]])
-    expected = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), K, np.array(distortion))[0]
+    expected = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), K, np.array(DISTORTION))[0]
     np.testing.assert_allclose(camera.project(points)[0], expected.reshape(-1, 2), atol=1e-9)
 
 

@@ -34,15 +34,26 @@ def test_one_fisheye(tmp_path):
 
 def test_a_camera_info_file_of_ros(tmp_path):
     path = tmp_path / "head.yaml"
-    path.write_text(
+    text = (
         "image_width: 640\nimage_height: 480\ncamera_name: head_left\ndistortion_model: equidistant\n"
         "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 501, 240, 0, 0, 1]}\n"
         "distortion_coefficients:\n  rows: 1\n  cols: 4\n  data: [0.1, 0.02, 1e-05, 0]\n"
         "rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
     )
-    rig = read_foreign([path])
-    assert rig.names == ("head_left",)
-    assert rig.cameras[0].camera == Fisheye(640, 480, 500.0, 501.0, 320.0, 240.0, (0.1, 0.02, 1e-5, 0.0))
+    matrix = "{rows: 3, cols: 3, data: [500, 0, 320, 0, 501, 240, 0, 0, 1]}"
+    for other in (matrix, "[[500, 0, 320], [0, 501, 240], [0, 0, 1]]"):
+        path.write_text(text.replace(matrix, other, 1))
+        rig = read_foreign([path])
+        assert rig.names == ("head_left",)
+        assert rig.cameras[0].camera == Fisheye(640, 480, 500.0, 501.0, 320.0, 240.0, (0.1, 0.02, 1e-5, 0.0))
+    for other, expected in (
+        ("[[500, 0], [320]]", r"cameramatrix: expected a matrix, found \[\[500, 0\], \[320\]\]"),
+        ("[]", "cameramatrix: expected a matrix, found"),
+        ("{rows: 3, cols: 3, data: [500, 0]}", "cameramatrix: expected 3 x 3 numbers, found 2"),
+    ):
+        path.write_text(text.replace(matrix, other, 1))
+        with pytest.raises(ValueError, match=expected):
+            read_foreign([path])
 
 
 def test_a_stereo_pair_of_two_files_stands_as_opencv_says(tmp_path):

@@ -3,6 +3,7 @@
 import os
 import time
 
+import numpy as np
 import pytest
 
 from sphere_nav.geometry.files.untrusted import (
@@ -12,6 +13,7 @@ from sphere_nav.geometry.files.untrusted import (
     open_file,
     parse_stamp_ns,
     read_bytes,
+    read_npy,
     read_text,
 )
 
@@ -68,6 +70,14 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
         read_text(tmp_path, "table")
     with pytest.raises(ValueError, match="expected a table, found no such file"):
         read_text(tmp_path / "fifo" / "beneath", "table")
+
+
+def test_an_array_is_read_and_a_damaged_one_is_named(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(3.0))
+    assert read_npy(tmp_path / "a.npy", "array").tolist() == [0.0, 1.0, 2.0]
+    (tmp_path / "b.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:-1])
+    with pytest.raises(ValueError, match=r"b\.npy: expected an array, found a file that is none \(.+\)"):
+        read_npy(tmp_path / "b.npy", "array")
 
 
 def test_values_are_read():
