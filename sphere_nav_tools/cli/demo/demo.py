@@ -146,7 +146,7 @@ class Demo:
                 "cycab_sim",
                 self.simulation | LOCK_STEP | TEACHING | {"rig.file": str(self.folder / "rig.yaml")},
             )
-            self.follow(watch, "teaching drive", lambda: watch.is_taught)
+            self.follow(watch, "teaching drive", lambda: watch.has_told("taught"))
             processes.stop("bag_recorder")
             processes.wait("warm_up")
 
@@ -171,11 +171,11 @@ class Demo:
             processes.start("cycab_sim", self.simulation | LOCK_STEP | paused | self.other_day)
             taught = {"trajectory": str(self.folder / "taught.tum"), "enable_stamped_cmd_vel": True}
             processes.start("path_follower", clock | taught)  # time stands until it is there
-            watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+            watch.wait("localisation", lambda: watch.has_told("paused"), is_moving=False)
             watch.call("path_follower/start")
             watch.call("cycab_sim/resume")
-            self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
-            self.has_finished = watch.follower.startswith("FINISHED")
+            self.follow(watch, "drive by the camera", lambda: has_ended(watch.state("follower")))
+            self.has_finished = watch.state("follower").startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
 

@@ -81,7 +81,7 @@ class Link:
         calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
         calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
         calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
-        self._clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
+        self.clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
         self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
         self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])
         self._subscribe()
@@ -218,7 +218,7 @@ class Link:
 
     def call(self, name: str, request: Any, patience: float = ANSWER_S) -> str:
         """Call a service and return why it was not done; empty where it was."""
-        client = self._clients[name]
+        client = self.clients[name]
         if not client.service_is_ready():
             return f"nobody offers {name}: is the node running, in this domain and namespace?"
         response = self._wait(client.call_async(request), patience)
@@ -237,7 +237,7 @@ class Link:
             if self._emergency is None:
                 self._emergency = self.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
             self._emergency.publish(Bool(data=True))
-        stop = self._clients["path_follower/stop"]
+        stop = self.clients["path_follower/stop"]
         if stop.service_is_ready():
             stop.call_async(Trigger.Request())
         self._cancel_missions()

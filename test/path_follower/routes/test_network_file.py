@@ -17,7 +17,7 @@ from path_follower.routes.mission_file import read_mission, write_course, write_
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, Route, plan
+from path_follower.routes.planning import Leg, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
@@ -166,7 +166,7 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
     (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
     mission.course = make_course(fork, legs, None, VehicleParams())
-    mission._route, mission._lap_legs, mission.laps_left = Route(tuple(legs), 24.0), (1, 2), 2
+    mission._seconds, mission._lap_legs, mission.laps_left = 24.0, (1, 2), 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
@@ -178,12 +178,12 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
 
 BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
-    "expected format 'sphere_nav mission' version 1": {"version": 7},
-    "legs: expected": {"legs": []},
-    "goal.place: expected a name": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0}},
-    "goal.laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
-    "goal.pose: expected 3 numbers": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0}},
-    "ends: expected a list of numbers": {"ends": "x"},
+    "expected format 'sphere_nav mission' version 2": {"version": 7},
+    "legs: expected": {"legs": [[1, 1, 0.0, 3.0]]},
+    "goal.place: expected str": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0.0}},
+    "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
+    "goal.pose: expected 3 values": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0.0}},
+    "closed: expected list": {"closed": "x"},
     "driven: expected a finite number": {"driven": "nan"},
 }
 

@@ -61,7 +61,7 @@ def test_a_car_that_stands_for_half_a_minute_of_simulated_time_has_failed(tmp_pa
         return now == 60
 
     with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: None)
+        monkeypatch.setattr(module, "LOOK", 0.0)
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
             watch.wait("drive", drive, is_moving=True, bar=bar)
