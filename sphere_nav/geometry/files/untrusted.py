@@ -265,7 +265,7 @@ def read_as(kind: Any, found: Any, where: str) -> Any:
     kinds = kinds[:1] * len(found) if kinds[-1] is ... else kinds
     if len(found) != len(kinds):
         raise ValueError(f"{where}: expected {len(kinds)} values, found {len(found)}")
-    values = [read_as(part, value, where) for part, value in zip(kinds, found, strict=True)]
+    values = [read_as(part, found[place], f"{where}[{place}]") for place, part in enumerate(kinds)]
     return tuple(values) if origin else kind(*values)
 
 
