@@ -20,6 +20,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import short
 from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
+from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
@@ -58,17 +59,10 @@ def experiences_to_messages(graph: SphereGraph, frame_id: str) -> list[MapExperi
     messages = []
     for one, part in split_by_experience(graph).items():
         nodes = sorted(part, key=lambda node: node.id)
-        messages.append(
-            MapExperience(
-                header=header(one.stamp_ns, frame_id),
-                name=one.name,
-                camera=one.camera,
-                drive=one.drive,
-                ids=[node.id for node in nodes],
-                served=[node.served for node in nodes],
-                last_served=[ns_to_time(node.last_served_ns) for node in nodes],
-            )
-        )
+        message = told(MapExperience(header=header(one.stamp_ns, frame_id)), one)
+        message.ids, message.served = [node.id for node in nodes], [node.served for node in nodes]
+        message.last_served = [ns_to_time(node.last_served_ns) for node in nodes]
+        messages.append(message)
     return messages
 
 
@@ -91,8 +85,8 @@ def messages_to_experiences(graph: SphereGraph, messages: Iterable[MapExperience
             if int(node_id) not in graph.nodes or int(node_id) in changes or not 0.0 <= served < np.inf:
                 expected = "key spheres of the graph, each once, and finite numbers of images"
                 raise ValueError(f"experience {short(str(one))}: expected {expected}, found {node_id}, {served}")
-            told = {"experience": one, "served": float(served), "last_served_ns": time_to_ns(last)}
-            changes[int(node_id)] = told
+            change = {"experience": one, "served": float(served), "last_served_ns": time_to_ns(last)}
+            changes[int(node_id)] = change
     return graph.with_nodes(changes)
 
 
