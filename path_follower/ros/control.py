@@ -207,16 +207,15 @@ class ControlLoop:
         self.status.publish(driving.follower_status_to_message(status, stamp, self.params.map_frame, self.cycle.worst))
         self.tell(status)
 
-    def send(self, twist: Twist | TwistStamped) -> None:
+    def send(self, twist: Any) -> None:
         """Publish a command."""
         self.sent, self.sent_ns = twist, self.endpoints.steady_ns()
         self.cmd_vel.publish(twist)
 
-    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Twist | TwistStamped:
+    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Any:
         """Return the message that `cmd_vel` carries."""
-        if self.params.enable_stamped_cmd_vel:
-            return driving.motion_to_twist_stamped(speed, yaw_rate, stamp, self.params.base_frame)
-        return driving.motion_to_twist(speed, yaw_rate)
+        is_stamped, base = self.params.enable_stamped_cmd_vel, self.params.base_frame
+        return driving.motion_to_command(speed, yaw_rate, stamp, base, is_stamped=is_stamped)
 
     def tell(self, status: FollowerReport) -> None:
         """Report to the diagnostics; log every change of state or reason."""

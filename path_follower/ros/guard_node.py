@@ -89,9 +89,8 @@ class GuardLoop:
 
     def send(self, speed: float, yaw_rate: float) -> None:
         """Publish a command."""
-        is_stamped, now = self.params.is_stamped, self.endpoints.now_ns()
-        twist = driving.motion_to_twist_stamped(speed, yaw_rate, now, "base_link") if is_stamped else None
-        self.cmd_vel.publish(twist or driving.motion_to_twist(speed, yaw_rate))
+        now, is_stamped = self.endpoints.now_ns(), self.params.is_stamped
+        self.cmd_vel.publish(driving.motion_to_command(speed, yaw_rate, now, "base_link", is_stamped=is_stamped))
 
 
 class CommandGuard(FrontNode):

@@ -31,16 +31,11 @@ def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
         raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
 
 
-def motion_to_twist(speed: float, yaw_rate: float) -> Twist:
-    """Return a Twist of the rear-axle centre: m/s along the heading, rad/s."""
-    message = Twist()
-    message.linear.x, message.angular.z = float(speed), float(yaw_rate)
-    return message
-
-
-def motion_to_twist_stamped(speed: float, yaw_rate: float, stamp: int, frame_id: str) -> TwistStamped:
-    """Return a TwistStamped, stamp in ns."""
-    return TwistStamped(header=header(stamp, frame_id), twist=motion_to_twist(speed, yaw_rate))
+def motion_to_command(speed: float, yaw_rate: float, stamp: int, frame_id: str, *, is_stamped: bool) -> Any:
+    """Return a Twist of the rear-axle centre, m/s along the heading and rad/s, or a TwistStamped, stamp in ns."""
+    twist = Twist()
+    twist.linear.x, twist.angular.z = float(speed), float(yaw_rate)
+    return TwistStamped(header=header(stamp, frame_id), twist=twist) if is_stamped else twist
 
 
 def motion_to_ackermann(speed: float, steering_angle: float, stamp: int, frame_id: str) -> Any:

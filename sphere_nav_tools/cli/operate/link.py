@@ -33,6 +33,7 @@ from std_srvs.srv import Trigger
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.conversions.driving import motion_to_command
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
 from sphere_nav.ros.subscription import full_name
@@ -299,14 +300,8 @@ class Link:
                 return
             age = time.monotonic() - self._held_at
             speed, turn = self._held if age < HELD_S and self._emergency is None else (0.0, 0.0)
-            twist = Twist()
-            twist.linear.x, twist.angular.z = speed, turn
-            if self._wheels.msg_type is TwistStamped:
-                message = TwistStamped(twist=twist)
-                message.header.stamp, message.header.frame_id = self.node.get_clock().now().to_msg(), "base_link"
-                self._wheels.publish(message)
-            else:
-                self._wheels.publish(twist)
+            now, is_stamped = self.node.get_clock().now().nanoseconds, self._wheels.msg_type is TwistStamped
+            self._wheels.publish(motion_to_command(speed, turn, now, "base_link", is_stamped=is_stamped))
             if age > HELD_S + WITHDRAW_S:
                 self.node.destroy_publisher(self._wheels)
                 self._wheels = None
