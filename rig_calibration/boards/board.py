@@ -154,5 +154,5 @@ def _board(place: str, name: str, entry: Any) -> Board:
     known = [field.name for field in fields(_Entry)]
     found: _Entry = read_as(_Entry, mapping(entry, place, known, known[2:]), place)
     with told_at(place):
-        markers = found.marker, found.dictionary, found.first_marker, found.legacy
-        return Board(name, *parse_size(found.size), found.square, found.kind, *markers)
+        (columns, rows), *others = parse_size(found.size), *list(vars(found).values())[1:]
+        return Board(name, columns, rows, *others)

@@ -59,14 +59,15 @@ class Processes:
     def __init__(self, folder: Path | None = None, domain_id: int | None = None) -> None:
         """In a domain, seen by this machine alone; None: as this process is."""
         own = {"ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        self.folder, self.environment = folder, os.environ | (own if domain_id is not None else {})
+        self.folder, self._is_kept = folder or Path(), folder is not None
+        self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self._nodes: set[str] = set()  # of these: they end when they are told to
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
-        parameters = self._file(f"{node}.yaml")
+        parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
         self._nodes.add(node)
         self.run(node, NODE.format(module=node_entry(node).module), "--ros-args", "--params-file", str(parameters))
@@ -77,7 +78,7 @@ class Processes:
 
     def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
         """Start a process, and return it."""
-        with nullcontext() if self.folder is None else self._file(f"{name}.log").open("wb") as log:
+        with (self.folder / f"{name}.log").open("wb") if self._is_kept else nullcontext() as log:
             started = self._starter.submit(
                 subprocess.Popen,
                 command,
@@ -89,10 +90,6 @@ class Processes:
             )
             self.running[name] = started.result()
         return self.running[name]
-
-    def _file(self, name: str) -> Path:
-        assert self.folder is not None
-        return self.folder / name
 
     def take_ended(self) -> dict[str, int]:
         """Return the status of each process that has ended since the last call."""
@@ -124,7 +121,7 @@ class Processes:
 
     def last_words(self, name: str) -> str:
         """Return the last line that a process printed, empty where it said nothing."""
-        with self._file(f"{name}.log").open("rb") as log:
+        with (self.folder / f"{name}.log").open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - TAIL))
             lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "")

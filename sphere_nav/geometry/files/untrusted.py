@@ -13,7 +13,7 @@ import reprlib
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields
 from decimal import Decimal, InvalidOperation
 from functools import cache
 from io import BufferedReader
@@ -249,12 +249,12 @@ def read_as(kind: Any, found: Any, where: str) -> Any:
         return None if found is None else read_as(parts[0], found, where)
     if kind is float:
         return number(found, where)
-    if is_dataclass(kind):
+    if hasattr(kind, "__dataclass_fields__"):
         hints = _hints(kind)
         required(found, where, [field.name for field in fields(kind) if field.default is MISSING])
         given = {name: hints[name] for name in hints if name in found}
         return kind(**{name: read_as(part, found[name], f"{where}.{name}") for name, part in given.items()})
-    plain = list if origin is tuple or hasattr(kind, "_fields") else origin or kind
+    plain: Any = list if origin is tuple or hasattr(kind, "_fields") else origin or kind
     if type(found) is not plain:
         raise ValueError(f"{where}: expected {plain.__name__}, found {short(found)}")
     if plain is dict:
