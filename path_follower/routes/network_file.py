@@ -41,12 +41,9 @@ def write_network(path: str | os.PathLike[str], network: Network) -> None:
     write_whole(Path(path), to_geojson(network))
 
 
-def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:
-    """Read a network; ValueError in one line for anything that is none, or of another map than `map_id`."""
-    network = from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
-    if map_id and network.map_id and network.map_id != map_id:
-        raise ValueError(f"{path}: network.map_id: expected that of the map, {map_id}, found {network.map_id}")
-    return network
+def read_network(path: str | os.PathLike[str]) -> Network:
+    """Read a network; ValueError in one line for anything that is none."""
+    return from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
 
 
 def to_geojson(network: Network, *, is_dense: bool = True) -> str:

@@ -94,10 +94,10 @@ class BagWriter:
         entry = self._topics.get(absolute(topic))
         return entry.type if entry else ""
 
-    def write(self, topic: str, message: Any, stamp: int, *, published: int | None = None) -> None:
+    def write(self, topic: str, message: Any, stamp: int) -> None:
         """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
         self.add_topic(topic, type(message))
-        self.write_bytes(topic, serialize_to_store(message), stamp, published=published)
+        self.write_bytes(topic, serialize_to_store(message), stamp)
 
     def write_bytes(self, topic: str, data: bytes, stamp: int, *, published: int | None = None) -> None:
         """Write a serialized message on a topic that `add_topic` declared."""

@@ -44,7 +44,7 @@ def test_places_that_are_named_are_ends_of_ways(drives, capsys):
     status, said = run(capsys, "name", "gate", "net.geojson", "--at", "50,0.5")
     assert (status, "gate is node" in said.out) == (0, True)
     assert run(capsys, "name", "yard", "net.geojson", "--at", "36,4,90")[0] == 0
-    network = read_network("net.geojson", "campus")
+    network = read_network("net.geojson")
     assert sorted(network.places) == ["gate", "home", "yard"]
     assert network.nodes[network.places["yard"]].pose.y == pytest.approx(4.0, abs=0.2)
     status, said = run(capsys, "show", "net.geojson", "--plot", "net.png")
