@@ -18,8 +18,9 @@ import yaml
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
 from sphere_nav_tools.cli.constants import LOOK
 from sphere_nav_tools.cli.processes import Processes, node_command
+from sphere_nav_tools.offline.tables import columns
 
-LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
+LISTING = "\n".join(columns((f"  {name}", composition.purpose) for name, composition in COMPOSITIONS.items()))
 HELP = f"""\
 Start nodes that belong together; Ctrl-C ends them in order. NAME starts what `ros2 launch sphere_nav NAME.launch.py`
 starts, with the same arguments; -s shows them.
@@ -72,12 +73,12 @@ def parse(words: Sequence[str]) -> dict[str, str]:
 
 def argument_table(composition: Composition) -> str:
     """Return what -s shows."""
-    lines = [f"{composition.purpose}; arguments as NAME:=VALUE"]
+    rows = []
     for name, argument in composition.arguments.items():
         default = "must be given" if argument.default is None else f"default {argument.default!r}"
         choices = f", one of {', '.join(argument.choices)}" if argument.choices else ""
-        lines.append(f"  {name:<16} {argument.meaning} ({default}{choices})")
-    return "\n".join(lines)
+        rows.append((f"  {name}", f"{argument.meaning} ({default}{choices})"))
+    return "\n".join([f"{composition.purpose}; arguments as NAME:=VALUE", *columns(rows)])
 
 
 def ros_arguments(start: NodeStart, file: Path) -> list[str]:
