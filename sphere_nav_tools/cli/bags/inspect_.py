@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -16,7 +15,7 @@ from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import OpenedBag, find_offers
-from sphere_nav_tools.offline.tables import columns
+from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 HELP = """\
@@ -66,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"  topics: {offer.reason}")
     if arguments.json:
         content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
-        arguments.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_json(arguments.json, content)
     return 0 if any(offer.command for offer in offers) else 1
 
 

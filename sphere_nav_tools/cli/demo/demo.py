@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -24,6 +23,7 @@ from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, find_map
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\
 Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
@@ -202,7 +202,7 @@ class Demo:
             plots.plot_top_view(self.folder / "top_view.png", errors, keys)
             plots.plot_errors(self.folder / "errors.png", errors)
         result = self.result(errors, len(keys))
-        (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_json(self.folder / "result.json", result)
         print(result_table(result, self.folder))
         return 0 if result["has_followed"] else 1
 
