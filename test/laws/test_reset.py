@@ -105,7 +105,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "LensWatch": (LensWatch, "reset", ""),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
-                     "endpoints odometry map_frame base_frame broadcaster"),
+                     "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
     "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
     "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
