@@ -19,6 +19,7 @@ from benchmarks.fault_drives import FRAME, PERIOD_NS, SECOND, Drive, Messages
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
+from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.maps.reader import FILE_NAME
 
 Images = Callable[[Drive, Messages, float], Messages]  # the drive, an image with its calibration, s since the fault
@@ -65,7 +66,7 @@ def _stamped(offset: Callable[[int], int]) -> Images:
 def _pixels(change: Pixels) -> Images:
     def apply(drive: Drive, messages: Messages, age: float) -> Messages:
         ((_, info), (topic, image)) = messages
-        gray = change(conversions.image_to_gray(image).copy(), drive.rng)
+        gray = change(read_gray(image).copy(), drive.rng)
         wrong = conversions.array_to_image(np.clip(gray, 0, 255).astype(np.uint8), 1, image.header.frame_id, "mono8")
         wrong.header = image.header
         return [("/camera_info", info), (topic, wrong)]

@@ -37,10 +37,12 @@ from path_follower.constants import (
     MotionErrors,
 )
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, between, compose_poses, wrap
+from path_follower.path import Pose2, between, wrap
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import ORIGIN, Predictor
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.odometry import PoseBuffer
+from sphere_nav.geometry.se3 import SE3
 from sphere_nav.localization.status import Verdict
 
 NO_VARIANCE = np.zeros(3)
@@ -136,7 +138,7 @@ class MotionConsistency:
 
     def reset(self) -> None:
         """Forget everything with a stamp."""
-        self._odometry: deque[tuple[int, Reckoning]] = deque()
+        self._odometry = PoseBuffer[Array]()  # with twists (6,)
         self._begin(None, NO_VARIANCE)
 
     def _begin(self, last: Instant | None, variance: Array) -> None:
@@ -148,7 +150,8 @@ class MotionConsistency:
         """Accept the wheels' odometry: pose in a frame of its own, and what the wheels do now."""
         if self._odometry and time_ns <= self._odometry[-1][0]:
             return
-        self._odometry.append((time_ns, Reckoning(pose, speed, yaw_rate)))
+        twist = np.array([speed, 0.0, 0.0, 0.0, 0.0, yaw_rate])
+        self._odometry.append((time_ns, SE3.from_planar(*pose), twist))
         while time_ns - self._odometry[0][0] > MAX_GAP_NS:
             self._odometry.popleft()
 
@@ -222,23 +225,11 @@ class MotionConsistency:
 
     def _wheels_at(self, time_ns: int) -> Reckoning | None:
         """Return the odometry at a time, between two messages or after the last; None before the first."""
-        after = None
-        for then, reckoning in reversed(self._odometry):
-            if then <= time_ns:
-                break
-            after = then, reckoning
-        else:
+        if not self._odometry or time_ns < self._odometry[0][0]:
             return None
-        pose, speed, yaw_rate = reckoning
-        if after is None:
-            seconds = (time_ns - then) / 1e9
-            turn = yaw_rate * seconds
-            step = Pose2(speed * seconds * math.cos(turn / 2.0), speed * seconds * math.sin(turn / 2.0), turn)
-            return Reckoning(compose_poses(pose, step), speed, yaw_rate)
-        share, step = (time_ns - then) / (after[0] - then), between(pose, after[1].pose)
-        part = Pose2(share * step.x, share * step.y, share * step.yaw)
-        change = after[1].speed - speed, after[1].yaw_rate - yaw_rate
-        return Reckoning(compose_poses(pose, part), speed + share * change[0], yaw_rate + share * change[1])
+        last_ns, last, twist = self._odometry[-1]
+        found = self._odometry.at(time_ns) or (last @ SE3.exp(twist * (time_ns - last_ns) / 1e9), twist)
+        return Reckoning(Pose2.of(found[0]), float(found[1][0]), float(found[1][5]))
 
 
 def allowance(step: Pose2, then: Reckoning, now: Reckoning, errors: MotionErrors) -> Array:

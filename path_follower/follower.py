@@ -36,16 +36,12 @@ class Follower(Arming):
         inputs = self.watch.judge_inputs(now_ns)
         self._follow_verdict(self._judge(inputs, tracking), now_ns)
         self._finish_segment(tracking)
-        speed, curvature = self._law(tracking if inputs is FINE else None)
-        motion = self._limited(speed, curvature, now_ns)
+        speed, curvature = self._law(now_ns, tracking if inputs is FINE else None)
+        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
+        motion = self.limiter.limit(speed, curvature, now_ns, **how)
         self.predictor.remember(now_ns, motion)
         self.mode.settle(is_standing=motion.speed == 0.0, slow=self._why_slow())
         return self._command(now_ns, motion, tracking, self.report)
-
-    def _limited(self, speed: float, curvature: float | None, now_ns: int) -> Motion:
-        """Return the nearest motion that the car can do and a stop that is going on allows."""
-        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
-        return self.limiter.limit(speed, curvature, now_ns, **how)
 
     def hold(self, now_ns: int, seconds: float) -> Command:
         """Return the command of a stop that began `seconds` ago because the clock stands; nothing is remembered.
@@ -113,7 +109,7 @@ class Follower(Arming):
             else:
                 self.mode.take(Event.END, Verdict(StopReason.END_OF_PATH))
 
-    def _law(self, tracking: TrackingError | None) -> tuple[float, float | None]:
+    def _law(self, now_ns: int, tracking: TrackingError | None) -> tuple[float, float | None]:
         """Return speed and curvature by eq. 25; no curvature: the wheels stay."""
         if tracking is None or self.path is None:
             return 0.0, None

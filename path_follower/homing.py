@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from path_follower.command import Command, FollowerReport
+from path_follower.command import FollowerReport, TrackingError
 from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
 from path_follower.follower import Follower
-from path_follower.modes import SLOWLY, Event
+from path_follower.modes import Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
@@ -49,18 +49,6 @@ class HomingFollower(Follower):
         self.is_there = is_there
         self.progress, self.distance_to_end = way
 
-    def tick(self, now_ns: int) -> Command:
-        """Return the command for now: judge, turn towards the direction, limit."""
-        inputs = self.watch.judge_inputs(now_ns)
-        self._follow_verdict(self._judge_way() if inputs is FINE else inputs, now_ns)
-        if self.is_there and self.limiter.last.speed == 0.0:
-            self.mode.take(Event.END, Verdict(StopReason.END_OF_PATH))
-        speed, curvature = self._steer(now_ns)
-        motion = self._limited(speed, curvature, now_ns)
-        slow = SLOWLY if self.watch.state == State.DEGRADED else FINE
-        self.mode.settle(is_standing=motion.speed == 0.0, slow=slow)
-        return self._command(now_ns, motion, None, self.report)
-
     @property
     def report(self) -> FollowerReport:
         """What it does and why."""
@@ -74,10 +62,13 @@ class HomingFollower(Follower):
 
     def _find_start(self, now_ns: int) -> tuple[Verdict, Location | None]:
         """Return why a drive cannot begin now, or FINE: there is a direction that can be driven."""
-        verdict = self.watch.judge_inputs(now_ns)
-        verdict = self._judge_way() if verdict is FINE else verdict
+        verdict = self._judge(self.watch.judge_inputs(now_ns), None)
         is_over = verdict is FINE and self.is_there
         return (Verdict(StopReason.END_OF_PATH) if is_over else verdict), None
+
+    def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
+        """Return the first reason against motion."""
+        return self._judge_way() if inputs is FINE else inputs
 
     def _judge_way(self) -> Verdict:
         """Return whether the direction is too far aside, or something stands in the way."""
@@ -88,7 +79,12 @@ class HomingFollower(Follower):
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
         return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
-    def _steer(self, now_ns: int) -> tuple[float, float | None]:
+    def _finish_segment(self, tracking: TrackingError | None) -> None:
+        """Standing at the end: be finished."""
+        if self.is_there and self.limiter.last.speed == 0.0:
+            self.mode.take(Event.END, Verdict(StopReason.END_OF_PATH))
+
+    def _law(self, now_ns: int, tracking: TrackingError | None) -> tuple[float, float | None]:
         """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).
 
         What was turned since the direction was measured is taken off it.

@@ -63,7 +63,7 @@ class Given(NamedTuple):
     deviation: Array | None = None
 
 
-def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed: bool = False) -> ReferencePath:
+def read_path(path: str | os.PathLike[str], params: FollowerParams) -> ReferencePath:
     """Read a file by its ending; ValueError in one line: file, line or field, expected, found."""
     file = Path(path)
     given = read_given(file)
@@ -71,8 +71,7 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed
     if given.frame not in ("", expected_frame):
         raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
     with told_at(file):
-        is_ring = is_closed or given.is_closed
-        return make_path(given.points, given.yaw, given.speed, params, is_closed=is_ring, map_id=given.map_id)
+        return make_path(*given[:3], params, is_closed=given.is_closed, map_id=given.map_id)
 
 
 def read_given(file: Path) -> Given:

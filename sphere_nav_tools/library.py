@@ -26,12 +26,11 @@ from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.localization.status import FOLLOWING, TRUSTED, State
 from sphere_nav.params import build
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.maps.reader import MapReader as Map
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav.spheres.sphere import Sphere, check_sphere_image, to_gray_bytes
+from sphere_nav.spheres.sphere import Sphere, check_sphere_image, to_gray_bytes, to_rgb
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli import localize as localize_command
@@ -221,10 +220,8 @@ def read_images(path: str | Path, **options: str) -> Iterator[tuple[int, Bytes, 
     parser = argparse.ArgumentParser(prog="read_images", exit_on_error=False)
     topics.add_options(parser, has_cameras=False)
     recorded = RecordedCamera(path, _parsed(parser, [], options))
-    levels = conversions.Levels()
-    for stamp_ns, message in recorded.messages():
-        image = conversions.image_to_rgb(message, levels)
-        yield stamp_ns, image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2), recorded.camera
+    for stamp_ns, image in recorded.images():
+        yield stamp_ns, to_rgb(image), recorded.camera
 
 
 def read_trajectory(path: str | Path, topic: str = "") -> Trajectory:

@@ -51,7 +51,7 @@ class ControlLoop:
         self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
         is_patient = self.ticks is not None and p.source != "homing" and p.safety.is_status_required
         self.answered = Answered(self.times, self.answer, self.catch_up, is_patient=is_patient)
-        self.heard_ns, self.told = 0, ""
+        self.heard_ns = 0
         kind = TwistStamped if p.enable_stamped_cmd_vel else Twist
         profile = qos.COMMAND if self.ticks is None else qos.DEEP  # a simulator waits for each answer: none is lost
         self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, profile)
@@ -207,27 +207,23 @@ class ControlLoop:
         self.status.publish(driving.follower_status_to_message(status, stamp, self.params.map_frame, self.cycle.worst))
         self.tell(status)
 
-    def send(self, twist: Twist | TwistStamped) -> None:
+    def send(self, twist: Any) -> None:
         """Publish a command."""
         self.sent, self.sent_ns = twist, self.endpoints.steady_ns()
         self.cmd_vel.publish(twist)
 
-    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Twist | TwistStamped:
+    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Any:
         """Return the message that `cmd_vel` carries."""
-        if self.params.enable_stamped_cmd_vel:
-            return driving.motion_to_twist_stamped(speed, yaw_rate, stamp, self.params.base_frame)
-        return driving.motion_to_twist(speed, yaw_rate)
+        is_stamped, base = self.params.enable_stamped_cmd_vel, self.params.base_frame
+        return driving.motion_to_command(speed, yaw_rate, stamp, base, is_stamped=is_stamped)
 
     def tell(self, status: FollowerReport) -> None:
         """Report to the diagnostics; log every change of state or reason."""
         is_stop = status.state in (FollowerState.STOPPING, FollowerState.STOPPED)
         text = f"{status.state} {describe(status.verdict)}".strip()
         values = {"progress": status.progress, "armed": status.is_armed, "worst_cycle": round(self.cycle.worst, 4)}
-        self.endpoints.report("follower", WARN if is_stop else OK, text, **values)
         change = f"{status.state} {status.verdict.reason}"
-        if change != self.told:
-            (self.endpoints.log.warning if is_stop else self.endpoints.log.info)(text)
-        self.told = change
+        self.endpoints.tell("follower", WARN if is_stop else OK, text, change, **values)
 
 
 class Cycle:

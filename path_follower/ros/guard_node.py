@@ -27,7 +27,7 @@ class GuardLoop:
     def __init__(self, endpoints: Endpoints, params: GuardParams, transforms: None = None) -> None:
         """Open the topics."""
         self.endpoints, self.params = endpoints, params
-        self.guard, self.told, self.said_at, self.is_spoken_to = Guard(params), "", 0.0, False
+        self.guard, self.said_at, self.is_spoken_to = Guard(params), 0.0, False
         self.said = "?"  # the reason that was published last
         kind = TwistStamped if params.is_stamped else Twist
         profile = qos.DEEP if endpoints.is_time_simulated else qos.COMMAND  # a simulator waits for each answer
@@ -81,20 +81,16 @@ class GuardLoop:
         may_tell, self.is_spoken_to = self.is_spoken_to or speed == 0.0, False
         reason, detail = self.guard.reason, self.guard.detail
         text = f"stopped: {reason}: {detail}" if reason else "passing commands on"
-        self.endpoints.report("guard", WARN if reason else OK, text)
+        self.endpoints.tell("guard", WARN if reason else OK, text, str(reason))
         if may_tell and (reason != self.said or now - self.said_at >= LOOK_PERIOD):
             stamp = header(self.endpoints.now_ns(), "")
             self.status.publish(GuardStatus(header=stamp, reason=str(reason), detail=detail))
             self.said, self.said_at = reason, now
-        if reason != self.told:
-            (self.endpoints.log.warning if reason else self.endpoints.log.info)(text)
-        self.told = reason
 
     def send(self, speed: float, yaw_rate: float) -> None:
         """Publish a command."""
-        is_stamped, now = self.params.is_stamped, self.endpoints.now_ns()
-        twist = driving.motion_to_twist_stamped(speed, yaw_rate, now, "base_link") if is_stamped else None
-        self.cmd_vel.publish(twist or driving.motion_to_twist(speed, yaw_rate))
+        now, is_stamped = self.endpoints.now_ns(), self.params.is_stamped
+        self.cmd_vel.publish(driving.motion_to_command(speed, yaw_rate, now, "base_link", is_stamped=is_stamped))
 
 
 class CommandGuard(FrontNode):

@@ -24,6 +24,7 @@ from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
 from sphere_nav.ros.conversions import driving, header
+from sphere_nav.ros.conversions.status import told
 from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -35,6 +36,7 @@ except ImportError:  # not among the wheels, but where Nav2 is
     NavigateToPose = None
 
 FOLLOWER = "path_follower"
+STANDING = (MissionState.HELD, MissionState.WAITING)
 STATUS_PERIOD = 1.0  # s between two equal messages
 NAV2_FAILED = 9001  # error_code of NavigateToPose; 9000 to 9099 are the navigator's
 
@@ -257,28 +259,19 @@ class RouteNavigator(ManagedNode):
         news = (mission.state, mission.reason, mission.goal, how.edge, how.next_place, *closed)
         if news == self.said and now - self.said_at < STATUS_PERIOD:
             return
-        if news[:2] != self.said[:2]:
-            is_standing = mission.state in (MissionState.HELD, MissionState.WAITING)
-            text = f"{mission.state} {mission.reason}".strip()
-            self.report("mission", WARN if is_standing and mission.reason else OK, text)
-            self.log.info(text)
+        text, is_standing = f"{mission.state} {mission.reason}", mission.state in STANDING
+        self.endpoints.tell("mission", WARN if is_standing and mission.reason else OK, text.strip(), text)
         self.said, self.said_at = news, now
-        self.status.publish(
-            NavigatorStatus(
-                header=header(self.now_ns(), self.params.map_frame),
-                state=str(mission.state),
-                reason=mission.reason,
-                place="" if mission.goal is None else mission.goal.place,
-                edge=how.edge,
-                next_place=how.next_place,
-                distance_remaining=how.distance_remaining,
-                time_remaining=how.time_remaining,
-                laps_remaining=min(mission.laps_left, 65535),
-                closed_edges=closed,
-                last_result=self.result,
-                map_id=self.network.map_id,
-            )
+        status = NavigatorStatus(
+            header=header(self.now_ns(), self.params.map_frame),
+            reason=mission.reason,
+            place="" if mission.goal is None else mission.goal.place,
+            laps_remaining=min(mission.laps_left, 65535),
+            closed_edges=closed,
+            last_result=self.result,
+            map_id=self.network.map_id,
         )
+        self.status.publish(told(status, how))
         self.keep()
 
     # --- over a restart

@@ -85,14 +85,10 @@ class TrajectoryIntake:
 
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""
-        try:
-            if not self.loop.ask("is_at_rest"):
-                raise ValueError("path: expected a follower that stands, disarmed: call stop first")
-            path = read_path(request.path, self.params)
-            self.use(path)
-        except (ValueError, OSError) as error:
-            response.success, response.message = False, str(error)
-            return response
+        if not self.loop.ask("is_at_rest"):
+            raise ValueError("path: expected a follower that stands, disarmed: call stop first")
+        path = read_path(request.path, self.params)
+        self.use(path)
         response.success, response.num_points = True, len(path)
         response.length, response.is_closed = path.length, path.is_closed
         return response

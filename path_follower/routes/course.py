@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import takewhile
 
 import numpy as np
@@ -26,9 +27,9 @@ from sphere_nav.geometry.arrays import Array, arc_lengths
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Points (N,) in order of driving; `ends` (K,) m from the vehicle at which legs end; joining is in the first.
+    """Points (N,) in order of driving. They begin `lead` m behind a vehicle that joins.
 
-    The points begin `lead` m behind a vehicle that joins.
+    By joining the first leg is longer than on the network by `change` m.
     """
 
     x: Array
@@ -36,13 +37,18 @@ class Course:
     yaw: Array  # of the vehicle, not of the way
     speed: Array
     legs: tuple[Leg, ...]
-    ends: tuple[float, ...]
+    change: float = 0.0
     lead: float = 0.0
+
+    @cached_property
+    def ends(self) -> Array:
+        """Where legs end (K,), m from the vehicle."""
+        return self.change + np.cumsum([leg.length for leg in self.legs])
 
     @property
     def length(self) -> float:
         """Way in m."""
-        return self.ends[-1]
+        return float(self.ends[-1])
 
     def leg_at(self, way: float) -> int:
         """Return which leg a vehicle is on that has driven this far."""
@@ -52,22 +58,17 @@ class Course:
 def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:
     """Return the path of legs, from a pose beside their beginning if given; ValueError where it cannot join."""
     points: list[Array] = []
-    ends: list[float] = []
-    way = 0.0
     for number, leg in enumerate(legs):
         part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
         columns = part.columns.T[:: leg.direction]
-        way += leg.length
         points.append(columns[1:] if number else columns)
-        ends.append(way)
-    table, lead = np.concatenate(points), 0.0
+    table, change, lead = np.concatenate(points), 0.0, 0.0
     if pose is not None:
         table, change, lead = _joined(table, legs[0].direction, _first_run(legs), pose, vehicle)
-        ends = [end + change for end in ends]
     if len(table) > MAX_POINTS:
         raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(table)}: fewer laps")
     x, y, yaw, speed = table.T
-    return Course(x, y, yaw, speed, tuple(legs), tuple(ends), lead)
+    return Course(x, y, yaw, speed, tuple(legs), change, lead)
 
 
 def _first_run(legs: Sequence[Leg]) -> float:

@@ -14,7 +14,8 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+
+import numpy as np
 
 from path_follower.modes import BRAKING, WITHDRAWN, FollowerState
 from path_follower.params import TurningParams
@@ -34,7 +35,7 @@ from path_follower.routes.constants import (
 from path_follower.routes.course import Course, make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, Route, plan, with_laps
+from path_follower.routes.planning import Leg, plan, with_laps
 from sphere_nav.localization.status import State
 
 UNDER_WAY = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED, FollowerState.STOPPING)
@@ -98,6 +99,23 @@ class Outcome:
     distance: float
 
 
+@dataclass(frozen=True)
+class MissionRecord:
+    """What of a mission survives a restart of its node, as `Mission` and `Course` have it."""
+
+    map_id: str
+    closed: tuple[int, ...]
+    permission: int
+    goal: Goal | None
+    laps_left: int
+    driven: float
+    lap_legs: tuple[int, int]
+    seconds: float
+    legs: tuple[Leg, ...]
+    change: float
+    lead: float
+
+
 class Mission:
     """One mission at a time; give it what happens, ask it what to do."""
 
@@ -116,7 +134,7 @@ class Mission:
         self.laps_left, self.driven, self.progress = 0, 0.0, 0.0
         self.permission = 0  # under which it asks
         self._heard: tuple[int, float] | None = None  # the newest permission that the follower has told, and when
-        self._route: Route | None = None
+        self._seconds = 0.0  # that the whole way takes
         self._lap_legs = (0, 0)  # legs to the goal, legs of a round
         self._pending: tuple[Request, float] | None = None
         self._ending: str | None = None  # why the mission ends once the vehicle stands
@@ -503,7 +521,7 @@ class Mission:
                 if not starts:
                     raise
                 continue
-            self._route = whole
+            self._seconds = whole.seconds
             self._lap_legs = len(route.legs), (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
             return course
 
@@ -529,9 +547,8 @@ class Mission:
     @property
     def time_remaining(self) -> float:
         """Driving left in s."""
-        if self.course is None or self._route is None:
-            return 0.0
-        return self._route.seconds * self.distance_remaining / max(self.course.length, 1e-9)
+        whole = self.course.length if self.course is not None else 0.0
+        return self._seconds * self.distance_remaining / max(whole, 1e-9)
 
     @property
     def next_place(self) -> str:
@@ -545,39 +562,23 @@ class Mission:
         return self.goal.place if self.goal is not None else ""
 
     # --- over a restart
-    def snapshot(self) -> dict[str, Any]:
-        """Return what a mission needs to survive, as plain values."""
-        goal, course = self.goal, self.course
-        return {
-            "map_id": self.network.map_id,
-            "closed": sorted(self.closed),
-            "permission": self.permission,
-            "goal": None
-            if goal is None
-            else {"place": goal.place, "pose": goal.pose and list(goal.pose), "laps": goal.laps, "wait": goal.wait},
-            "laps_left": self.laps_left,
-            "driven": self.driven,
-            "lap_legs": list(self._lap_legs),
-            "seconds": self._route.seconds if self._route else 0.0,
-            "legs": [] if course is None else [[leg.edge, leg.direction, leg.first, leg.last] for leg in course.legs],
-            "ends": [] if course is None else list(course.ends),
-            "lead": 0.0 if course is None else course.lead,
-        }
+    def snapshot(self) -> MissionRecord:
+        """Return what a mission needs to survive."""
+        course, state = self.course, (self.laps_left, self.driven, self._lap_legs, self._seconds)
+        way = ((), 0.0, 0.0) if course is None else (course.legs, course.change, course.lead)
+        return MissionRecord(self.network.map_id, tuple(sorted(self.closed)), self.permission, self.goal, *state, *way)
 
-    def restore(self, goal: Goal | None, legs: list[Leg], values: dict[str, Any], now: float) -> None:
+    def restore(self, record: MissionRecord, now: float) -> None:
         """Go on with a mission of before: driving where the follower still drives that way, else held."""
-        self.closed = {edge for edge in values["closed"] if edge in self.network.edges}
-        if goal is None:
+        self.closed = self.network.edges.keys() & set(record.closed)
+        if record.goal is None:
             return
-        self.spots_of(goal)
-        self.goal, self.laps_left, self.driven = goal, values["laps_left"], values["driven"]
-        self.permission = values["permission"]
-        self._lap_legs = (values["lap_legs"][0], values["lap_legs"][1])
-        if legs and all(leg.edge in self.network.edges for leg in legs):
-            none = self.network.edges[legs[0].edge].curve.x[:0]
-            self.course = Course(none, none, none, none, tuple(legs), tuple(values["ends"]), values["lead"])
-            self._loaded = self.course
-            self._route = Route(tuple(legs), values["seconds"])
+        self.spots_of(record.goal)
+        self.goal, self.laps_left, self.driven = record.goal, record.laps_left, record.driven
+        self.permission, self._lap_legs, self._seconds = record.permission, record.lap_legs, record.seconds
+        if record.legs and all(leg.edge in self.network.edges for leg in record.legs):
+            none = np.empty(0)
+            self.course = self._loaded = Course(*4 * (none,), record.legs, record.change, record.lead)
         self._is_restored = True
         self._go(MissionState.WAITING, now, "the navigator began anew")
 

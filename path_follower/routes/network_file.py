@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
+from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_as, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, VERSION = "sphere_nav routes", 1
@@ -40,12 +41,9 @@ def write_network(path: str | os.PathLike[str], network: Network) -> None:
     write_whole(Path(path), to_geojson(network))
 
 
-def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:
-    """Read a network; ValueError in one line for anything that is none, or of another map than `map_id`."""
-    network = from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
-    if map_id and network.map_id and network.map_id != map_id:
-        raise ValueError(f"{path}: network.map_id: expected that of the map, {map_id}, found {network.map_id}")
-    return network
+def read_network(path: str | os.PathLike[str]) -> Network:
+    """Read a network; ValueError in one line for anything that is none."""
+    return from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
 
 
 def to_geojson(network: Network, *, is_dense: bool = True) -> str:
@@ -103,6 +101,31 @@ def _column(values: Array) -> list[float | None]:
 
 
 # --- reading
+@dataclass(frozen=True)
+class _Curve:
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    yaw: tuple[float, ...]
+    speed: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    width: float
+    forward: bool
+    reverse: bool
+    deviation: float = math.nan
+    drives: int = 1
+
+
+@dataclass(frozen=True)
+class _EdgeFields:
+    startid: int
+    endid: int
+    metadata: _Metadata
+    curve: _Curve
+
+
 def from_geojson(text: str, where: str = "network") -> Network:
     """Return the network of a text; ValueError in one line for anything else."""
     whole = required(load_json(where, text), where, ("type", "network", "features"))
@@ -150,30 +173,17 @@ def _names(fields: Mapping[str, Any], at: str) -> list[str]:
 
 
 def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
-    required(fields, at, ("startid", "endid", "metadata", "curve"))
-    metadata = required(fields["metadata"], f"{at}.metadata", ("width", "forward", "reverse"))
-    columns = required(fields["curve"], f"{at}.curve", COLUMNS)
-    x, y, yaw = (np.array(numbers(columns[name], f"{at}.curve.{name}")) for name in COLUMNS[:3])
-    speeds = columns["speed"] if isinstance(columns["speed"], list) else []
-    speed = np.array([math.nan if value is None else number(value, f"{at}.curve.speed") for value in speeds])
+    edge: _EdgeFields = read_as(_EdgeFields, fields, at)
+    x, y, yaw, speed = (np.array(getattr(edge.curve, name), dtype=np.float64) for name in COLUMNS)  # None becomes NaN
     if not len(x) == len(y) == len(yaw) == len(speed) or len(x) < 2:
         found = f"{len(x)}, {len(y)}, {len(yaw)}, {len(speed)}"
         raise ValueError(f"{at}.curve: expected columns of one length, 2 or more, found {found}")
     if (gap := float(np.hypot(np.diff(x), np.diff(y)).max())) > MAX_CURVE_GAP:
         raise ValueError(f"{at}.curve: expected points at most {MAX_CURVE_GAP} m apart, found {gap:.3g} m")
-    is_forward, is_reverse = metadata["forward"] is True, metadata["reverse"] is True
-    start, end = _id(fields["startid"], f"{at}.startid"), _id(fields["endid"], f"{at}.endid")
-    return RouteEdge(
-        id=key,
-        start=start if is_forward else end,
-        end=end if is_forward else start,
-        curve=EdgeCurve(x, y, yaw, speed),
-        width=number(metadata["width"], f"{at}.metadata.width"),
-        is_forward=is_forward,
-        is_reverse=is_reverse,
-        deviation=number(metadata["deviation"], f"{at}.metadata.deviation") if "deviation" in metadata else math.nan,
-        num_drives=int(number(metadata.get("drives", 1), f"{at}.metadata.drives")),
-    )
+    told = edge.metadata
+    start, end = (edge.startid, edge.endid) if told.forward else (edge.endid, edge.startid)
+    ways = told.forward, told.reverse
+    return RouteEdge(key, start, end, EdgeCurve(x, y, yaw, speed), told.width, *ways, told.deviation, told.drives)
 
 
 def _check_ends(network: Network, where: str) -> None:

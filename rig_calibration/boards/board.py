@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, printable, read_text, short
+from sphere_nav.geometry.files.untrusted import (
+    MAX_FILE_BYTES,
+    load_yaml,
+    mapping,
+    printable,
+    read_as,
+    read_text,
+    short,
+    told_at,
+)
 
 MAX_CORNERS, MAX_DIGITS = 1000, 9  # in a row of a board; characters of their number
 MAX_SQUARE = 10.0  # m; more are millimetres
 KINDS = ("chessboard", "charuco")
-KEYS = {"kind", "size", "square", "marker", "dictionary", "first_marker", "legacy"}
 
 
 @dataclass(frozen=True)
@@ -132,27 +139,20 @@ def _look_alike(first: Board, second: Board) -> bool:
     return low.first_marker + low.num_markers > high.first_marker
 
 
+@dataclass(frozen=True)
+class _Entry:
+    size: str
+    square: float
+    kind: str = "chessboard"
+    marker: float = 0.0
+    dictionary: str = "DICT_4X4_250"
+    first_marker: int = 0
+    legacy: bool = False
+
+
 def _board(place: str, name: str, entry: Any) -> Board:
-    if not isinstance(entry, Mapping):
-        raise ValueError(f"{place}: expected size and square, found {short(entry)}")
-    if unknown := set(entry) - KEYS:
-        raise ValueError(
-            f"{place}: {printable(min(map(str, unknown)))[:60]}: unknown key, expected {', '.join(sorted(KEYS))}"
-        )
-    if missing := {"size", "square"} - set(entry):
-        raise ValueError(f"{place}: {sorted(missing)[0]}: missing")
-    try:
-        columns, rows = parse_size(str(entry["size"]))
-        return Board(
-            name,
-            columns,
-            rows,
-            float(entry["square"]),
-            kind=str(entry.get("kind", "chessboard")),
-            marker_m=float(entry.get("marker", 0.0)),
-            dictionary=str(entry.get("dictionary", "DICT_4X4_250")),
-            first_marker=int(entry.get("first_marker", 0)),
-            is_legacy=bool(entry.get("legacy", False)),
-        )
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{place}: {printable(str(error))[:200]}") from None
+    known = [field.name for field in fields(_Entry)]
+    found: _Entry = read_as(_Entry, mapping(entry, place, known, known[2:]), place)
+    with told_at(place):
+        (columns, rows), *others = parse_size(found.size), *list(vars(found).values())[1:]
+        return Board(name, columns, rows, *others)

@@ -157,17 +157,13 @@ def save(
     """Write the map built so far, its newest sphere included; say where, how large, and how long it took."""
     begin = time.monotonic()
     mapper.keep_end()
-    try:
-        path = path_below(Path(params.map_folder), request.path, "a folder (parameter map_folder)")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        graph = graph_to_save(mapper)
-        frame = mapper.origin, mapper.T_base_sphere
-        details = details_of(graph, params.mapper, frame_id=params.map_frame, frame=frame)
-        load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
-        save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
-    except (ValueError, OSError) as error:
-        response.success, response.message = False, str(error)
-        return response
+    path = path_below(Path(params.map_folder), request.path, "a folder (parameter map_folder)")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    graph = graph_to_save(mapper)
+    frame = mapper.origin, mapper.T_base_sphere
+    details = details_of(graph, params.mapper, frame_id=params.map_frame, frame=frame)
+    load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
+    save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
     if journal is not None:
         journal.saved()
     response.success, response.path, response.num_spheres = True, str(path), len(graph)

@@ -22,7 +22,7 @@ from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
 from sphere_nav.ros.constants import ABSOLUTE, MAX_RESTARTS
 from sphere_nav.ros.site_file import check_site_file, meant
 
-Values = Mapping[str, str]
+Values = Mapping[str, Any]  # of the arguments
 MAPPER_TOPICS = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
 TRUE, FALSE = ("true", "True", "yes", "1"), ("false", "False", "no", "0")
 FLAG = (*TRUE, *FALSE)
@@ -54,13 +54,26 @@ class Argument:
     choices: tuple[str, ...] = ()
     form: re.Pattern[str] | None = None
     is_file: bool = False
+    kind: type[Any] = str
 
-    def check(self, name: str, value: str) -> None:
-        """Raise ValueError for a value that is not possible, whatever files there are."""
-        if self.choices and value not in self.choices:
-            raise ValueError(f"{name}: expected {', '.join(self.choices)}, found {value!r}")
-        if self.form and not self.form.fullmatch(value):
-            raise ValueError(f"{name}: expected letters, digits, _ and / as in a name of ROS, found {value!r}")
+    def read(self, name: str, text: str) -> Any:
+        """Return the value of a text; ValueError for one that is not possible, whatever files there are."""
+        if self.choices and text not in self.choices:
+            raise ValueError(f"{name}: expected {', '.join(self.choices)}, found {text!r}")
+        if self.form and not self.form.fullmatch(text):
+            raise ValueError(f"{name}: expected letters, digits, _ and / as in a name of ROS, found {text!r}")
+        if self.choices is FLAG:
+            return text in TRUE
+        if self.kind is str:
+            return at_home(text)
+        try:
+            number = self.kind(text)
+        except ValueError:
+            number = math.nan
+        if not 0 <= number < math.inf:
+            what = "a whole number" if self.kind is int else "a number"
+            raise ValueError(f"{name}: expected {what}, 0 or more, found {text!r}")
+        return number
 
 
 @dataclass(frozen=True)
@@ -85,16 +98,16 @@ class Composition:
 
     def starts(self, given: Values) -> list[NodeStart]:
         """Return the nodes to start; ValueError for an unknown, a missing or an impossible argument."""
-        for name, value in given.items():
+        for name in given:
             if name not in self.arguments:
                 hint = meant(name, self.arguments)
                 raise ValueError(f"{name}{hint}: expected one of {', '.join(self.arguments)}, found this argument")
-            self.arguments[name].check(name, value)
-        values = {name: at_home(given.get(name, argument.default)) for name, argument in self.arguments.items()}
-        missing = [name for name, value in values.items() if value is None]
-        if missing:
-            raise ValueError(f"{missing[0]}: expected a value ({self.arguments[missing[0]].meaning}), found none")
-        return self.describe({name: str(value) for name, value in values.items()})
+        values = {}
+        for name, argument in self.arguments.items():
+            if (text := given.get(name, argument.default)) is None:
+                raise ValueError(f"{name}: expected a value ({argument.meaning}), found none")
+            values[name] = argument.read(name, text)
+        return self.describe(values)
 
     def ready(self, given: Values) -> list[NodeStart]:
         """Return the nodes to start, as `starts`; ValueError too for a file that does not exist or does not fit."""
@@ -139,23 +152,6 @@ def check_enclaves(starts: Sequence[NodeStart]) -> None:
             raise ValueError(f"security: expected {path} (sphere_nav keystore makes it), found no such file")
 
 
-def _is(values: Values, name: str) -> bool:
-    """Return an argument that is true or false."""
-    return values[name] in TRUE
-
-
-def _number(values: Values, name: str, kind: type[Any]) -> Any:
-    """Return an argument that is a number, 0 or more."""
-    try:
-        number = kind(values[name])
-    except ValueError:
-        number = math.nan
-    if not 0 <= number < math.inf:
-        what = "a whole number" if kind is int else "a number"
-        raise ValueError(f"{name}: expected {what}, 0 or more, found {values[name]!r}")
-    return number
-
-
 def _node(
     values: Values, name: str, parameters: Mapping[str, Any], topics: Mapping[str, str] | None = None
 ) -> NodeStart:
@@ -163,8 +159,8 @@ def _node(
     namespace = values["namespace"].strip("/")
     own = {topic: topic.removeprefix("/") for topic in ABSOLUTE} if namespace else {}
     renamed = {topic: target for topic, target in (topics or {}).items() if target != topic}
-    clock = {"use_sim_time": _is(values, "use_sim_time")} if "use_sim_time" in values else {}
-    enclave = f"/{namespace}/{name}".replace("//", "/") if _is(values, "security") else ""
+    clock = {"use_sim_time": values["use_sim_time"]} if "use_sim_time" in values else {}
+    enclave = f"/{namespace}/{name}".replace("//", "/") if values["security"] else ""
     return NodeStart(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"], enclave)
 
 
@@ -182,7 +178,7 @@ def _localizer(values: Values) -> NodeStart:
 
 
 def _follower(values: Values, cmd_vel: str) -> NodeStart:
-    parameters: dict[str, Any] = {"enable_stamped_cmd_vel": _is(values, "stamped_cmd_vel")}
+    parameters: dict[str, Any] = {"enable_stamped_cmd_vel": values["stamped_cmd_vel"]}
     parameters |= {"trajectory": values["trajectory"]} if values["trajectory"] else {}
     return _node(values, "path_follower", parameters, {"cmd_vel": cmd_vel, "scan": values["scan"]})
 
@@ -193,9 +189,9 @@ def _localisation(values: Values) -> list[NodeStart]:
 
 def _navigation(values: Values) -> list[NodeStart]:
     routes = [_node(values, "route_navigator", {"network": values["routes"]})] if values["routes"] else []
-    if not _is(values, "guard"):
+    if not values["guard"]:
         return [_localizer(values), _follower(values, values["cmd_vel"]), *routes]
-    stamped = {"is_stamped": _is(values, "stamped_cmd_vel")}
+    stamped = {"is_stamped": values["stamped_cmd_vel"]}
     guard = _node(values, "command_guard", stamped, {"cmd_vel": values["cmd_vel"]})
     return [_localizer(values), _follower(values, "cmd_vel_in"), guard, *routes]
 
@@ -228,8 +224,7 @@ def _heard(values: Values, topic: str) -> str:
 
 
 def _player(values: Values, wait_for: str) -> NodeStart:
-    rate = _number(values, "rate", float)
-    parameters = {"bag": values["bag"], "rate": rate, "wait_for": wait_for, "clock": _is(values, "use_sim_time")}
+    parameters = {"bag": values["bag"], "rate": values["rate"], "wait_for": wait_for, "clock": values["use_sim_time"]}
     own_clock = {name: value for name, value in values.items() if name != "use_sim_time"}  # it is the clock
     return _node(own_clock, "bag_player", parameters)
 
@@ -248,16 +243,16 @@ def _recorder(values: Values) -> list[NodeStart]:
 
 
 def _simulation(values: Values) -> list[NodeStart]:
-    timed = {**values, "use_sim_time": "true", "stamped_cmd_vel": "true", "guard": "false"}
+    timed = {**values, "use_sim_time": True, "stamped_cmd_vel": True, "guard": False}
     simulator = {
         "mode": values["mode"],
-        "seed": _number(values, "seed", int),
+        "seed": values["seed"],
         "world": values["world"],
-        "traffic.density": "usual" if _is(values, "traffic") else "none",
+        "traffic.density": "usual" if values["traffic"] else "none",
         "has_stamped_command": True,  # a command says which image it answers: lock-step
     }
     starts = [*_recorder(timed), _node(values, "cycab_sim", simulator)]
-    defaults = {name: argument.default or "" for name, argument in NAVIGATION.items()}
+    defaults = {name: argument.read(name, argument.default or "") for name, argument in NAVIGATION.items()}
     return [*starts, *(_navigation({**defaults, **timed}) if values["map"] else [])]
 
 
@@ -302,7 +297,7 @@ NAVIGATION = {
 }
 BAG = {
     "bag": Argument("", "bag to play; empty: live topics", is_file=True),
-    "rate": Argument("1.0", "speed of playing; 0: as fast as the listeners take it"),
+    "rate": Argument("1.0", "speed of playing; 0: as fast as the listeners take it", kind=float),
 }
 COMPOSITIONS = {
     "mapping": Composition(
@@ -350,7 +345,7 @@ COMPOSITIONS = {
         "the simulated Cycab; with a map also localiser and path follower, so that it drives by its camera",
         {
             "mode": Argument("drive", "who drives: the topic cmd_vel, or the simulator itself", ("drive", "teach")),
-            "seed": Argument("1", "decides the town and every noise"),
+            "seed": Argument("1", "decides the town and every noise", kind=int),
             "world": Argument("town", "where it drives", ("town", "city", "corridor", "ramp")),
             "traffic": Argument("false", "cars, cyclists and pedestrians in the streets", FLAG),
             "map": Argument("", "map to localise in; empty: the simulator alone", is_file=True),

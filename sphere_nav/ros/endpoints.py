@@ -110,6 +110,7 @@ class Endpoints(ABC):
         self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
         self.inputs: list[Subscription] = []
         self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
+        self._changes: dict[str, str] = {}  # what `tell` has logged last of each entry
 
     def clear(self) -> None:
         """Forget inputs and diagnostic entries: all is closed."""
@@ -243,6 +244,13 @@ class Endpoints(ABC):
     def report(self, name: str, level: int, message: str, **values: Any) -> None:
         """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""
         self.reports[name] = (level, message, values)
+
+    def tell(self, name: str, level: int, message: str, change: str, *, every: float = 0.0, **values: Any) -> None:
+        """Set a diagnostic entry, and log it where `change` is not what it was, `every` so many seconds at most."""
+        self.report(name, level, message, **values)
+        if change != self._changes.get(name, ""):
+            (self.log.info if level == OK else self.log.warning)(message, every=every, key=change)
+        self._changes[name] = change
 
 
 class NodeShell(Endpoints):

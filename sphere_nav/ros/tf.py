@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from functools import partial
 from typing import Protocol
 
@@ -14,7 +13,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.odometry import PoseBuffer, move_on
 from sphere_nav.ros import qos
 from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE, TF_MEMORY_NS
-from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
+from sphere_nav.ros.conversions import stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import WARN, Endpoints
 
 MAX_DEPTH = 100  # frames up to the root
@@ -232,25 +231,3 @@ class TransformListener:
             self._num_changes += 1
             self._endpoints.log.warning(change, every=LOG_PERIOD_S, key=f"parent of {child}")
             self._endpoints.report("tf parents", WARN, change, changes=self._num_changes)
-
-
-class TransformBroadcaster:
-    """Tells `/tf`, or `/tf_static` if `is_static`: there every message repeats all transforms told so far."""
-
-    def __init__(self, endpoints: Endpoints, *, is_static: bool = False) -> None:
-        topic, profile = ("/tf_static", qos.LATCHED) if is_static else ("/tf", qos.TF)
-        self._output = endpoints.add_publisher(topic, TFMessage, profile)
-        self._is_static = is_static
-        self._told: dict[str, TransformStamped] = {}
-
-    def send(self, T_parent_child: SE3, stamp: int, parent: str, child: str) -> None:
-        """Tell one transform, stamp in ns."""
-        self.send_all([se3_to_transform(T_parent_child, stamp, parent, child)])
-
-    def send_all(self, transforms: Iterable[TransformStamped]) -> None:
-        """Tell several transforms in one message."""
-        transforms = list(transforms)
-        if self._is_static:
-            self._told |= {transform.child_frame_id: transform for transform in transforms}
-            transforms = list(self._told.values())
-        self._output.publish(TFMessage(transforms=transforms))

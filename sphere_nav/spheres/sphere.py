@@ -92,6 +92,11 @@ def to_gray_bytes(image: Bytes) -> Bytes:
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False) if image.ndim == 3 else image
 
 
+def to_rgb(image: Bytes) -> Bytes:
+    """Return the colours (H, W, 3) of a grey or RGB image."""
+    return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
 def continued(values: NDArray[Gray], is_known: Flags) -> NDArray[Gray]:
     """Return the values (H, W) with unknown pixels taken from the nearest known one."""
     if is_known.all() or not is_known.any():

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Bytes, Floats
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.spheres.sphere import Sphere, to_rgb
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import BREAK, FLAT, PER_TURN
 
@@ -56,7 +56,7 @@ def surface_of(sphere: Sphere) -> Surface:
         if np.all(numbers[row] >= 0):
             parts.append(_cap(points[numbers[row]], numbers[row], row, sum(len(part[0]) for part in parts)))
     points, pixels, corners = (np.concatenate(one) for one in zip(*parts, strict=True))
-    image = sphere.image if sphere.image.ndim == 3 else np.repeat(sphere.image[..., None], 3, axis=2)
+    image = to_rgb(sphere.image)
     return Surface(np.ascontiguousarray(points.T), pixels, corners, np.ascontiguousarray(image), camera)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from tqdm import tqdm
@@ -15,6 +14,7 @@ from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
 from sphere_nav_tools.offline.settings import add_overwrite, check_free
+from sphere_nav_tools.offline.tables import write_json
 
 HELP = "lenses and poses of all cameras of a rig from images of boards"
 EXAMPLES = """\
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = calibrate(specs, boards, views, progress=bar.set_description_str)
     write_rig(arguments.output, found.rig, is_overwriting=arguments.overwrite)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
-    Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    write_json(f"{stem}_report.json", report)
     draw_calibration(found, Path(f"{stem}_report.png"))
     for name, row in report["cameras"].items():
         held_out = row["held_out_rms_px"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from sphere_nav_tools.offline.evaluation import (
     read_trajectory,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag
+from sphere_nav_tools.offline.tables import write_json
 
 HELP = "errors of estimated poses against true ones"
 EXAMPLES = """\
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print(error_table(judged.report))
     if arguments.json:
-        arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
+        write_json(arguments.json, judged.report)
     if arguments.plot:
         from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 

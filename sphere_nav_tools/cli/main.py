@@ -19,6 +19,7 @@ from typing import NamedTuple
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import software
+from sphere_nav_tools.offline.tables import columns
 
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 
@@ -126,8 +127,7 @@ def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
 
 def _overview() -> str:
     lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
-    width = max(len(command.name) for command in COMMANDS)
-    lines += [f"  {command.name:<{width}}  {command.summary}" for command in COMMANDS]
+    lines += columns((f"  {command.name}", command.summary) for command in COMMANDS)
     lines += [
         "",
         "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",

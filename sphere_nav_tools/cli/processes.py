@@ -1,4 +1,4 @@
-"""The nodes of a drive as processes of their own, in a ROS domain of their own; they end with this process."""
+"""Nodes as processes of their own, in a ROS domain of their own or in that of this process, with which they end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,6 +23,7 @@ from sphere_nav_tools.cli.constants import MIN_WORK_SHARE
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 LOOK = 5.0  # s over which it is measured who works
+TAIL = 4096  # bytes of what was printed, in which the last line is looked for
 
 
 def node_command(node: str, *words: str) -> list[str]:
@@ -53,14 +54,15 @@ def are_busy(pids: Mapping[str, int]) -> list[str]:
 
 
 class Processes:
-    """Starts nodes, keeps what they print in a folder, ends them all when it is left."""
+    """Starts processes, and ends them all when it is left; what they print goes to a folder, or where ours goes."""
 
-    def __init__(self, folder: Path, domain_id: int | None = None) -> None:
+    def __init__(self, folder: Path | None = None, domain_id: int | None = None) -> None:
         """In a domain, seen by this machine alone; None: as this process is."""
         own = {"ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        self.folder, self.environment = folder, os.environ | (own if domain_id is not None else {})
+        self.folder, self._is_kept = folder or Path(), folder is not None
+        self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
         self._nodes: set[str] = set()  # of these: they end when they are told to
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
@@ -76,61 +78,79 @@ class Processes:
 
     def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
         """Start a process, and return it."""
-        with (self.folder / f"{name}.log").open("wb") as log:
+        with (self.folder / f"{name}.log").open("wb") if self._is_kept else nullcontext() as log:
             started = self._starter.submit(
                 subprocess.Popen,
                 command,
                 stdout=log,
-                stderr=subprocess.STDOUT,
+                stderr=log and subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 env=self.environment,
                 start_new_session=True,  # Ctrl-C reaches us alone: the order of ending is ours
             )
-            self._running[name] = started.result()
-        return self._running[name]
+            self.running[name] = started.result()
+        return self.running[name]
+
+    def take_ended(self) -> dict[str, int]:
+        """Return the status of each process that has ended since the last call."""
+        ended = {name: status for name, process in self.running.items() if (status := process.poll()) is not None}
+        for name in ended:
+            del self.running[name]
+        return ended
 
     def check(self) -> None:
         """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
-        for name, process in self._running.items():
+        for name, process in self.running.items():
             status = process.poll()
             if status or (status == 0 and name in self._nodes):
-                raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
+                raise self._failure(name, status)
 
     def wait(self, name: str) -> None:
         """Wait for a process that ends by itself; RuntimeError with what it said last if that was no good end."""
-        status = self._running[name].wait()
+        status = self.running[name].wait()
         if status:
-            raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
-        del self._running[name]
+            raise self._failure(name, status)
+        del self.running[name]
 
     def find_busy(self) -> list[str]:
         """Return which processes work, or would if the computer had time for them; takes `LOOK` s."""
-        return are_busy({name: process.pid for name, process in self._running.items()})
+        return are_busy({name: process.pid for name, process in self.running.items()})
 
-    def last_words(self, node: str) -> str:
-        """Return the last line that a node printed."""
-        lines = (self.folder / f"{node}.log").read_text(encoding="utf-8", errors="replace").split("\n")
-        return next((line for line in reversed(lines) if line.strip()), "it said nothing")
+    def _failure(self, name: str, status: int) -> RuntimeError:
+        return RuntimeError(f"{name} ended with status {status}: {self.last_words(name) or 'it said nothing'}")
 
-    def stop(self, node: str) -> None:
-        """End a node as Ctrl-C would, by force if it does not."""
-        process = self._running.pop(node)
+    def last_words(self, name: str) -> str:
+        """Return the last line that a process printed, empty where it said nothing."""
+        with (self.folder / f"{name}.log").open("rb") as log:
+            log.seek(max(0, log.seek(0, os.SEEK_END) - TAIL))
+            lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+    def stop(self, name: str) -> int:
+        """End a process as Ctrl-C would, by force if it does not; return its status."""
+        process = self.running.pop(name)
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         while True:
             try:
-                process.wait(END_PATIENCE_S)
-                return
+                return process.wait(END_PATIENCE_S)
             except subprocess.TimeoutExpired:
-                if not are_busy({node: process.pid}):
+                if not are_busy({name: process.pid}):
                     process.kill()
+
+    def end(self) -> dict[str, int]:
+        """End what still runs, the last one started first; return the statuses."""
+        self.take_ended()
+        names = list(reversed(self.running))
+        for name in names:
+            self.running[name].send_signal(signal.SIGINT)
+        return {name: self.stop(name) for name in names}
 
     def __enter__(self) -> Self:
         """Return self."""
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """End what still runs, the last one started first."""
-        for node in reversed(list(self._running)):
-            self.stop(node)
+        """End what still runs."""
+        self.end()
         self._starter.shutdown()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ from typing import Any
 import yaml
 
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
-from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav_tools.cli.constants import LOOK
-from sphere_nav_tools.cli.processes import node_command
+from sphere_nav_tools.cli.processes import Processes, node_command
+from sphere_nav_tools.offline.tables import columns
 
-LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
+LISTING = "\n".join(columns((f"  {name}", composition.purpose) for name, composition in COMPOSITIONS.items()))
 HELP = f"""\
 Start nodes that belong together; Ctrl-C ends them in order. NAME starts what `ros2 launch sphere_nav NAME.launch.py`
 starts, with the same arguments; -s shows them.
@@ -49,43 +49,18 @@ def run(arguments: argparse.Namespace) -> int:
         print(argument_table(composition))
         return 0
     starts = composition.ready(parse(arguments.arguments))
-    with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, _interruptible():
-        running: list[Running] = []
+    with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, _interruptible(), Processes() as nodes:
+        files = (Path(folder) / f"{start.node}.yaml" for start in starts)
+        words = {start.node: ros_arguments(start, file) for start, file in zip(starts, files, strict=True)}
         try:
-            for number, start in enumerate(starts):
-                words = ros_arguments(start, Path(folder) / f"{number}.yaml")
-                running.append(Running(start.node, node_command(start.node, *words)))
-            status = _watch(running)
+            status = watch(nodes, {node: node_command(node, *words[node]) for node in words})
         except KeyboardInterrupt:
             status = 0
-        finally:
-            failed = _end(running)
-        return 1 if failed else status
-
-
-class Running:
-    """A node as a process, which may be started again."""
-
-    def __init__(self, node: str, command: list[str]) -> None:
-        self.node, self.command, self.num_restarts = node, command, 0
-        self.due: float | None = None  # s, of steady time: when it starts again
-        self.start()
-
-    def start(self) -> None:
-        """Start the process; Ctrl-C reaches us alone."""
-        self.process, self.is_over = subprocess.Popen(self.command, start_new_session=True), False
-
-    def look(self, now: float) -> None:
-        """Start the node again where it has ended and may; RuntimeError: all must end."""
-        status = self.process.poll()
-        if status is not None and not self.is_over:
-            delay = after_exit(self.node, status, self.num_restarts)
-            self.is_over, self.due = True, None if delay is None else now + delay
-            if delay is not None:
-                print(f"up: {self.node} ended with status {status}; it starts again", file=sys.stderr)
-        if self.due is not None and now >= self.due:
-            self.due, self.num_restarts = None, self.num_restarts + 1
-            self.start()
+        statuses = nodes.end()
+    for node, left in statuses.items():
+        if left > 0:
+            print(f"up: {node} ended with status {left}", file=sys.stderr)
+    return 1 if set(statuses.values()) - {0, -signal.SIGINT} else status
 
 
 def parse(words: Sequence[str]) -> dict[str, str]:
@@ -98,12 +73,12 @@ def parse(words: Sequence[str]) -> dict[str, str]:
 
 def argument_table(composition: Composition) -> str:
     """Return what -s shows."""
-    lines = [f"{composition.purpose}; arguments as NAME:=VALUE"]
+    rows = []
     for name, argument in composition.arguments.items():
         default = "must be given" if argument.default is None else f"default {argument.default!r}"
         choices = f", one of {', '.join(argument.choices)}" if argument.choices else ""
-        lines.append(f"  {name:<16} {argument.meaning} ({default}{choices})")
-    return "\n".join(lines)
+        rows.append((f"  {name}", f"{argument.meaning} ({default}{choices})"))
+    return "\n".join([f"{composition.purpose}; arguments as NAME:=VALUE", *columns(rows)])
 
 
 def ros_arguments(start: NodeStart, file: Path) -> list[str]:
@@ -119,35 +94,27 @@ def ros_arguments(start: NodeStart, file: Path) -> list[str]:
     return words
 
 
-def _watch(running: list[Running]) -> int:
-    """Wait while nodes run; 1 as soon as one has ended without which the others make no sense."""
-    while not all(item.is_over and item.due is None for item in running):
-        try:
-            for item in running:
-                item.look(time.monotonic())
-        except RuntimeError as error:
-            print(f"up: {error}", file=sys.stderr)
-            return 1
+def watch(nodes: Processes, commands: Mapping[str, list[str]]) -> int:
+    """Start nodes by their commands, and again where they may; 1 as soon as one ends that the others need."""
+    num_restarts, due = Counter[str](), dict[str, float]()  # s, of steady time: when it starts again
+    for node, command in commands.items():
+        nodes.begin(node, command)
+    while nodes.running or due:
+        for node, status in nodes.take_ended().items():
+            try:
+                delay = after_exit(node, status, num_restarts[node])
+            except RuntimeError as error:
+                print(f"up: {error}", file=sys.stderr)
+                return 1
+            if delay is not None:
+                due[node] = time.monotonic() + delay
+                print(f"up: {node} ended with status {status}; it starts again", file=sys.stderr)
+        for node in [node for node, at in due.items() if time.monotonic() >= at]:
+            del due[node]
+            num_restarts[node] += 1
+            nodes.begin(node, commands[node])
         time.sleep(LOOK)
     return 0
-
-
-def _end(running: list[Running]) -> bool:
-    """End what still runs as Ctrl-C would, the last one started first; whether one of them says that it failed."""
-    failed = False
-    left = [item for item in reversed(running) if item.process.poll() is None]
-    for item in left:
-        item.process.send_signal(signal.SIGINT)
-    for item in left:
-        try:
-            status = item.process.wait(END_PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            item.process.kill()
-            status = item.process.wait()
-        if status > 0:
-            print(f"up: {item.node} ended with status {status}", file=sys.stderr)
-        failed |= status != 0 and status != -signal.SIGINT
-    return failed
 
 
 @contextmanager

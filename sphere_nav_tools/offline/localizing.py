@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -28,6 +27,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import patience
 from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free, numbers_of
+from sphere_nav_tools.offline.tables import write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 UNUSABLE = (Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE)  # an image that was not compared
@@ -59,7 +59,7 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
     write_tum(output, summary.trajectory())
     result = summary.result()
     if arguments.json:
-        Path(arguments.json).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_json(arguments.json, result)
     print(summary.text(result, output))
     return 0 if result["poses"] else 1
 

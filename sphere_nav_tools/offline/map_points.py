@@ -15,7 +15,7 @@ from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.range_alignment import find_normals
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.spheres.sphere import Sphere, to_rgb
 
 PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
     (name, "u1") for name in ("red", "green", "blue")
@@ -41,7 +41,7 @@ def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
     normals = np.nan_to_num(find_normals(points, range_m, is_whole=sphere.camera.is_whole))
     chosen = np.zeros_like(kept)
     chosen[:: params.step, :: params.step] = kept[:: params.step, :: params.step]
-    rgb = sphere.image if sphere.image.ndim == 3 else np.repeat(sphere.image[..., None], 3, axis=2)
+    rgb = to_rgb(sphere.image)
     turned = normals[chosen] @ node.T_map_sphere.rotation.T
     placed = node.T_map_sphere.apply(points[chosen])
     return MapPoints(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])

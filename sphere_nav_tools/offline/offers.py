@@ -17,8 +17,7 @@ from sphere_mapping.ros.stereo_intake import open_pair
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.localization.params import RigParams
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import CAMERA_INFO, CLOUD, SPHERE
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, CLOUD, SPHERE, Stream
 from sphere_nav.ros.camera.odometry_input import odometry_edge
 from sphere_nav.ros.conversions import is_rectified_topic
 from sphere_nav.ros.maps.writer import MAP_FRAME

@@ -34,6 +34,7 @@ from sphere_nav_tools.offline.evaluation import (
     truth_topics,
 )
 from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
+from sphere_nav_tools.offline.tables import columns
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
@@ -123,17 +124,14 @@ def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
 
 def describe_experiences(served: dict[int, str]) -> list[str]:
     """Return how many images each experience placed."""
-    return [f"{number:6d}  placed by {name}" for name, number in Counter(served.values()).most_common()]
+    return columns((number, f"placed by {name}") for name, number in Counter(served.values()).most_common())
 
 
 def describe_states(statuses: list[Status]) -> list[str]:
     """Return how often each state was told for each reason, with the remedy, and the time for an image."""
     counts = Counter((str(status.state), str(status.reason)) for status in statuses)
     remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}
-    lines = [
-        f"{number:6d}  {state:<14} {reason:<14} {remedies[state, reason]}".rstrip()
-        for (state, reason), number in counts.most_common()
-    ]
+    lines = columns((number, *told, remedies[told]) for told, number in counts.most_common())
     times = [status.milliseconds for status in statuses if status.reason != Reason.TIMEOUT and status.milliseconds > 0]
     if times:
         lines.append(f"time for an image: median {np.median(times):.1f} ms, p99 {np.percentile(times, 99):.1f} ms")

@@ -10,12 +10,12 @@ import logging
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from sensor_msgs.msg import CompressedImage, Image
-
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.localization.params import InputParams
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.camera.images import read_rgb
 from sphere_nav.ros.conversions import camera_from_info
 from sphere_nav_tools.offline.constants import SILENT_PERIODS
 from sphere_nav_tools.offline.topic_finder import TopicFinder
@@ -54,11 +54,9 @@ class RecordedCamera:
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
         self.odometry = self._topics.get("odom", "")
 
-    def messages(self) -> Iterator[tuple[int, Image]]:
-        """Yield stamp in ns and image, those that were compressed undone."""
+    def images(self) -> Iterator[tuple[int, Bytes]]:
+        """Yield stamp in ns and image (H, W) grey or (H, W, 3) RGB, raw or compressed."""
+        levels = conversions.Levels()
         with BagReader(self._path) as bag:
-            for item in bag.messages([self._topics["image_raw"]]):
-                message = item.message
-                if isinstance(message, CompressedImage):
-                    message = conversions.compressed_to_image(message)
-                yield conversions.stamp_ns(message), message
+            for _, _, message in bag.messages([self._topics["image_raw"]]):
+                yield conversions.stamp_ns(message), read_rgb(message, levels=levels)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dense_localizer.localizer import Localizer
@@ -20,17 +19,17 @@ from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
 from rig_calibration.drive.proof import LensProof, lens_distance, prove
 from rig_calibration.drive.refinement import refine_camera
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
@@ -117,10 +116,8 @@ class RecordedDrive:
                 pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)
                 yield collect(pyramid, choice.views[0], T_map_camera, twist)
 
-    def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
-        levels = conversions.Levels()
-        for stamp, message in self._recorded.messages():
-            yield stamp, conversions.image_to_gray(message, levels)
+    def _images(self) -> Iterator[tuple[int, Bytes]]:
+        return ((stamp, to_gray_bytes(image)) for stamp, image in self._recorded.images())
 
 
 def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:

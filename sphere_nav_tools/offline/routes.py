@@ -19,6 +19,7 @@ from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.plot_figure import drawn, in_meters
+from sphere_nav_tools.offline.tables import columns
 
 ONE_WAY, BOTH, REVERSE, WAY = "#1f77b4", "#2ca02c", "#8c564b", "#d62728"
 
@@ -61,8 +62,8 @@ def describe(network: Network) -> list[str]:
     lines = [
         f"{len(network.nodes)} nodes, {len(network.edges)} edges, {total:.1f} m, map {network.map_id or 'unknown'}"
     ]
-    lines.append("edge   from     to  length  width  drives  speed  deviation  driven")
-    lines += [_edge_line(edge) for edge in network.edges.values()]
+    head = ("edge", "from", "to", "length", "width", "drives", "speed", "deviation", "driven")
+    lines += columns([head, *map(_edge_row, network.edges.values())])
     lines += [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
     sharpest = VehicleParams().max_curvature
     for edge in network.edges.values():
@@ -74,13 +75,13 @@ def describe(network: Network) -> list[str]:
     return lines
 
 
-def _edge_line(edge: RouteEdge) -> str:
+def _edge_row(edge: RouteEdge) -> Sequence[str | int]:
     known = edge.curve.speed[np.isfinite(edge.curve.speed)]
     speed = f"{known.max():.2f}" if len(known) else "-"
     deviation = f"{edge.deviation:.3f}" if math.isfinite(edge.deviation) else "-"
     way = "both ways" if edge.is_forward and edge.is_reverse else "forward" if edge.is_forward else "backwards"
-    numbers = f"{edge.id:>4} {edge.start:>6} {edge.end:>6} {edge.length:>7.1f} {edge.width:>6.2f} {edge.num_drives:>7}"
-    return f"{numbers} {speed:>6} {deviation:>10}  {way}"
+    sizes = f"{edge.length:.1f}", f"{edge.width:.2f}"
+    return edge.id, edge.start, edge.end, *sizes, edge.num_drives, speed, deviation, way
 
 
 def describe_route(network: Network, route: Route) -> list[str]:

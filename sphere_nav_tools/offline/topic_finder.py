@@ -21,8 +21,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO, VIDEO
-from sphere_nav.ros.bags.streams import Stream, read_streams
+from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO, VIDEO, Stream, read_streams
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
 from sphere_nav.ros.conversions import is_rectified_topic, stamp_ns

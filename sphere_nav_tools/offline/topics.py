@@ -9,8 +9,7 @@ import argparse
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import driver_names
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS

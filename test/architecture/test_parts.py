@@ -38,9 +38,9 @@ def test_no_part_is_given_its_node() -> None:
 
 @pytest.mark.slow
 def test_one_executor_calls_the_callbacks_of_nodes() -> None:
-    """Only the guarded executor takes from rclpy's; the demo watches others with one of its own, and is no node."""
+    """Only the guarded executor takes from rclpy's."""
     users = [str(module) for module in MODULES if any(name.endswith("ThreadedExecutor") for name in imports(module))]
-    assert sorted(users) == ["sphere_nav/ros/executor.py", "sphere_nav_tools/cli/demo/watch.py"]
+    assert users == ["sphere_nav/ros/executor.py"]
 
 
 MAX_PAGE, MAX_LAUNCH = 150, 80  # a page: what must be read in one go

@@ -85,7 +85,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlDrives": (lambda: ControlDrives(0.5, 1.0), "reset", ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
-                    "endpoints params times clock_watch cycle ticks told cmd_vel sent sent_ns ackermann tracking "
+                    "endpoints params times clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "CusumTest": (CusumTest, "reset", ""),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
@@ -105,7 +105,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "LensWatch": (LensWatch, "reset", ""),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
-                     "endpoints odometry map_frame base_frame broadcaster"),
+                     "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
     "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
     "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),

@@ -72,7 +72,7 @@ def test_a_late_direction_is_less_by_as_much_as_the_car_has_turned_since():
             car.step()
         told, follower = car.follower.direction, car.follower
         yaw_rate = follower.limiter.last.yaw_rate(PARAMS.vehicle.virtual_wheelbase)
-        _, curvature = follower._steer(car.now + round(later_s * SECOND))
+        _, curvature = follower._law(car.now + round(later_s * SECOND), None)
         assert yaw_rate > 0.1
         assert curvature == pytest.approx(2.0 * math.sin(told - yaw_rate * counted_s) / HomingParams().look_ahead)
 

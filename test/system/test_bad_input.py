@@ -82,7 +82,7 @@ COMMANDS = {  # what takes the input in question, and what may be wrong with it
     "map-info {}": NO_MAPS,
     "map-export {} -o out.ply": NO_MAPS,
     "map-export map -o {}.xyz": {"out": ("expected a suffix of .ply, .laz, .g2o, .tum, .kitti, .geojson",)},
-    "map good -o {}": {"map": ("expected no such file or folder",)},
+    "map good -o {}": {"map": ("expected no such file",)},
     "map good -o out --set {}": {
         "mapper.nothing=1": ("mapper.nothing: unknown parameter",),
         "mapper.num_references=9": ("expected 1 to 4, found 9",),

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
-from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, Stream
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 

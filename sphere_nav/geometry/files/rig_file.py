@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
@@ -30,13 +34,8 @@ from sphere_nav.geometry.files.untrusted import (
 from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
-MODELS: dict[str, tuple[str, ...]] = {
-    "pinhole": ("fx", "fy", "cx", "cy"),
-    "fisheye": ("fx", "fy", "cx", "cy"),
-    "double_sphere": ("fx", "fy", "cx", "cy", "xi", "alpha"),
-    "omni": ("fx", "fy", "cx", "cy", "xi"),
-    "ocam": ("cx", "cy", "c", "d", "e"),
-}
+MODELS: dict[str, Any] = {model.model: model for model in (Pinhole, Fisheye, DoubleSphere, Omni, OCam)}
+LISTS = ("distortion", "polynomial")  # of numbers that a lens has behind its intrinsics
 CAMERA_FIELDS = (
     "model",
     "width",
@@ -79,17 +78,16 @@ def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> No
     path = Path(path)
     if path.exists() and not is_overwriting:
         raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
-    lines = [
-        f"format: {FORMAT}",
-        f"format_version: {FORMAT_VERSION}",
-        f"name: {_word(rig.name)}",
-        f"version: {_word(rig.version)}",
-        f"num_cameras: {len(rig.cameras)}",
-        "cameras:",
-    ]
-    for camera in rig.cameras:
-        lines += _camera_lines(camera, path.parent)
-    write_whole(path, HEADER + "\n".join(lines) + "\n")
+    values = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "name": rig.name,
+        "version": rig.version,
+        "num_cameras": len(rig.cameras),
+        "cameras": {part.name: _camera_values(part, path.parent) for part in rig.cameras},
+    }
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=math.inf, allow_unicode=True)
+    write_whole(path, HEADER + text)
 
 
 def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
@@ -122,64 +120,45 @@ def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
         raise ValueError(text if text.startswith(where) else f"{where}: {text}") from None
 
 
+def _intrinsics(model: Any) -> list[str]:
+    return [field.name for field in fields(model) if field.name not in ("width", "height", *LISTS)]
+
+
 def _model(values: Mapping[str, Any], where: str) -> Camera:
-    name = choice(values["model"], f"{where}.model", MODELS)
+    model = MODELS[choice(values["model"], f"{where}.model", MODELS)]
     width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
-    lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
-    lengths = {key: number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name]}
-    check_center((lengths["cx"], lengths["cy"]), (width, height), f"{where}.intrinsics")
-    distortion = numbers(values.get("distortion") or [], f"{where}.distortion")
-    polynomial = numbers(values.get("polynomial") or [], f"{where}.polynomial")
-    if name == "ocam":
-        if distortion:
-            raise ValueError(f"{where}.distortion: expected none for ocam, found {len(distortion)} numbers")
-        return OCam(width, height, polynomial=polynomial, **lengths)
-    if polynomial:
-        raise ValueError(f"{where}.polynomial: expected none for {name}, found {len(polynomial)} numbers")
-    fx, fy, cx, cy, *others = lengths.values()
-    if name == "omni":
-        return Omni(width, height, fx, fy, cx, cy, others[0], distortion)
-    if name == "pinhole":
-        return Pinhole(width, height, fx, fy, cx, cy, distortion)
-    if name == "fisheye":
-        k = distortion or (0.0, 0.0, 0.0, 0.0)
-        if len(k) != 4:
-            raise ValueError(f"{where}.distortion: expected 4 numbers, found {len(k)}")
-        return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
-    if distortion:
-        raise ValueError(f"{where}.distortion: expected none for double_sphere, found {len(distortion)} numbers")
-    return DoubleSphere(width, height, fx, fy, cx, cy, *others)
+    lens = mapping(values["intrinsics"], f"{where}.intrinsics", _intrinsics(model))
+    given: dict[str, Any] = {key: number(value, f"{where}.intrinsics.{key}") for key, value in lens.items()}
+    check_center((given["cx"], given["cy"]), (width, height), f"{where}.intrinsics")
+    for name in LISTS:
+        found = numbers(values.get(name) or [], f"{where}.{name}")
+        is_known = any(field.name == name for field in fields(model))
+        if found and not is_known:
+            raise ValueError(f"{where}.{name}: expected none for {model.model}, found {len(found)} numbers")
+        given |= {name: found} if found or (is_known and name == "polynomial") else {}
+    camera: Camera = model(width, height, **given)
+    return camera
 
 
-def _camera_lines(part: RigCamera, folder: Path) -> list[str]:
+def _camera_values(part: RigCamera, folder: Path) -> dict[str, Any]:
     camera = part.camera
     if camera.model not in MODELS:
         raise ValueError(f"{part.name}: expected a camera of {', '.join(MODELS)}, found {camera.model}")
-    lens = ", ".join(f"{key}: {float(getattr(camera, key))!r}" for key in MODELS[camera.model])
-    distortion = ", ".join(repr(float(value)) for value in getattr(camera, "distortion", ()))
-    polynomial = ", ".join(repr(float(value)) for value in getattr(camera, "polynomial", ()))
-    rows = [", ".join(repr(float(value)) for value in row) for row in part.T_rig_camera.matrix]
-    return [
-        f"  {part.name}:",
-        f"    model: {camera.model}",
-        f"    width: {camera.width}",
-        f"    height: {camera.height}",
-        f"    intrinsics: {{{lens}}}",
-        f"    distortion: [{distortion}]",
-        *([f"    polynomial: [{polynomial}]"] if polynomial else []),
-        "    T_rig_camera:",
-        *(f"      - [{row}]" for row in rows),
-        f"    mask: {'null' if part.mask is None else _word(_relative(part.mask, folder))}",
-        f"    exposure_group: {_word(part.exposure_group)}",
-        f"    level: {_word(part.level)}",
-    ]
+    polynomial = [float(value) for value in getattr(camera, "polynomial", ())]
+    return {
+        "model": camera.model,
+        "width": camera.width,
+        "height": camera.height,
+        "intrinsics": {key: float(getattr(camera, key)) for key in _intrinsics(camera)},
+        "distortion": [float(value) for value in getattr(camera, "distortion", ())],
+        **({"polynomial": polynomial} if polynomial else {}),
+        "T_rig_camera": part.T_rig_camera.matrix.tolist(),
+        "mask": None if part.mask is None else _relative(part.mask, folder),
+        "exposure_group": part.exposure_group,
+        "level": part.level,
+    }
 
 
 def _relative(mask: str, folder: Path) -> str:
     path = Path(mask).absolute()
     return str(path.relative_to(folder.absolute())) if path.is_relative_to(folder.absolute()) else str(path)
-
-
-def _word(text: str) -> str:
-    """Return the text as YAML reads it back as a string."""
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -13,11 +13,14 @@ import reprlib
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import MISSING, fields
 from decimal import Decimal, InvalidOperation
+from functools import cache
 from io import BufferedReader
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
@@ -230,6 +233,40 @@ def numbers(found: Any, where: str, count: int | None = None) -> tuple[float, ..
     if count is not None and len(found) != count:
         raise ValueError(f"{where}: expected {count} numbers, found {len(found)}")
     return tuple(number(value, where) for value in found)
+
+
+_hints = cache(get_type_hints)  # looked up for each value of a long list
+
+
+def read_as(kind: Any, found: Any, where: str) -> Any:
+    """Return what a file holds as a value of a type; ValueError with the place of what does not fit.
+
+    Types are float, int, str, bool, tuples, mappings of names, classes with typed fields (a mapping, of a NamedTuple a
+    list), and any of them or None. Fields with a default may be missing; others may stand beside.
+    """
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is UnionType:
+        return None if found is None else read_as(parts[0], found, where)
+    if kind is float:
+        return number(found, where)
+    if hasattr(kind, "__dataclass_fields__"):
+        hints = _hints(kind)
+        required(found, where, [field.name for field in fields(kind) if field.default is MISSING])
+        given = {name: hints[name] for name in hints if name in found}
+        return kind(**{name: read_as(part, found[name], f"{where}.{name}") for name, part in given.items()})
+    plain: Any = list if origin is tuple or hasattr(kind, "_fields") else origin or kind
+    if type(found) is not plain:
+        raise ValueError(f"{where}: expected {plain.__name__}, found {short(found)}")
+    if plain is dict:
+        return {str(key): read_as(parts[1], value, f"{where}.{key}") for key, value in found.items()}
+    if plain is not list:
+        return found
+    kinds = parts or tuple(_hints(kind).values())
+    kinds = kinds[:1] * len(found) if kinds[-1] is ... else kinds
+    if len(found) != len(kinds):
+        raise ValueError(f"{where}: expected {len(kinds)} values, found {len(found)}")
+    values = [read_as(part, found[place], f"{where}[{place}]") for place, part in enumerate(kinds)]
+    return tuple(values) if origin else kind(*values)
 
 
 def parse_stamp_ns(word: str, where: str) -> int:

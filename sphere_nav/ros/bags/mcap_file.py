@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,7 +22,8 @@ from mcap.summary import Summary
 
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file, printable, told_at
-from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 
 MAX_CHUNK = 1 << 28  # bytes of a record, packed or not; one message of a chunk is the least that is read at once
@@ -116,6 +117,30 @@ class McapFile:
         """Numbers and times of the messages."""
         assert self.summary.statistics is not None  # of a file without it they are counted
         return self.summary.statistics
+
+    @property
+    def time_range(self) -> tuple[int, int] | None:
+        """Time of the first and of the last message in ns, None for an empty file."""
+        told = self.statistics
+        return (told.message_start_time, told.message_end_time) if told.message_count else None
+
+    @cached_property
+    def topics(self) -> dict[str, TopicInfo]:
+        """The topics that can be read, by name; of several channels the type of the first."""
+        topics: dict[str, TopicInfo] = {}
+        for channel in filter(is_readable, self.summary.channels.values()):
+            schema, details = self.summary.schemas.get(channel.schema_id), channel.metadata
+            offers, kind = qos.from_yaml(details.get("offered_qos_profiles", "")), schema.name if schema else ""
+            info = TopicInfo(channel.topic, kind, 0, offers, details.get("topic_type_hash", ""))
+            topics.setdefault(channel.topic, info).count += self.statistics.channel_message_counts.get(channel.id, 0)
+        return topics
+
+    def raw(self, names: set[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        """Yield the messages of topics, of all where `names` is None, in order of time."""
+        channels = self.summary.channels.values()
+        wanted = None if names is None else {channel.id for channel in channels if channel.topic in names}
+        for channel, message in self.messages(wanted, start_ns, end_ns):
+            yield Recorded(channel.topic, message.log_time, message.data)
 
     def messages(
         self, channels: set[int] | None = None, start_ns: int | None = None, end_ns: int | None = None

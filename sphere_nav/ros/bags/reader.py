@@ -5,13 +5,13 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short, told_at
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile, is_readable
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
@@ -32,8 +32,7 @@ class BagReader:
 
     def __init__(self, path: str | Path, *, is_empty_allowed: bool = False, damages: list[str] | None = None) -> None:
         self.path, self.damages = Path(path), damages
-        self.files: list[McapFile] = []
-        self._foreign: Any = None  # a ForeignBag
+        self.files: list[Any] = []  # of MCAP, or one ForeignBag
         self._view: PlainView | None = None  # where it is compressed
         self._is_packed = False  # each message by itself
         try:
@@ -54,11 +53,12 @@ class BagReader:
         if is_foreign(source, information):
             from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
 
-            self._foreign = ForeignBag(source)
+            self.files.append(ForeignBag(source))
         else:
             self.files += [McapFile(name, damages=self.damages) for name in _mcap_files(source, information)]
-        self.topics = self._foreign.topics if self._foreign else self._read_topics()
-        for info in self.topics.values():
+        self.topics: dict[str, TopicInfo] = {}
+        for info in (info for file in self.files for info in file.topics.values()):
+            self.topics.setdefault(info.name, replace(info, count=0)).count += info.count
             if not (info.name + info.type).isprintable():
                 raise BagError(f"{self.path}: topic: expected a printable name and type, found {short(info.name)}")
 
@@ -80,11 +80,8 @@ class BagReader:
     @property
     def time_range(self) -> tuple[int, int]:
         """Time of the first and of the last message in ns; (0, 0) for an empty bag."""
-        if self._foreign is not None:
-            return self._foreign.time_range or (0, 0)
-        spans = [file.statistics for file in self.files if file.statistics.message_count]
-        first = min((span.message_start_time for span in spans), default=0)
-        return first, max((span.message_end_time for span in spans), default=0)
+        spans = [file.time_range for file in self.files if file.time_range]
+        return min((first for first, _ in spans), default=0), max((last for _, last in spans), default=0)
 
     def require(self, topic: str, kind: type[Any] | None = None) -> TopicInfo:
         """Return a topic; BagError, naming those that are there, unless the bag has messages of that type on it."""
@@ -101,10 +98,8 @@ class BagReader:
     ) -> Iterator[Recorded]:
         """Yield serialized messages in order of time; all topics, or those named."""
         names = None if topics is None else {absolute(topic) for topic in topics}
-        streams = [self._raw_of(file, names, start_ns, end_ns) for file in self.files]
-        if self._foreign is not None:
-            streams = [self._foreign.raw(names, start_ns, end_ns)]
-        found = streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
+        streams = [file.raw(names, start_ns, end_ns) for file in self.files]
+        found = heapq.merge(*streams, key=lambda item: item.stamp_ns)
         with self._named():
             yield from map(self._unpacked, found) if self._is_packed else found
 
@@ -126,8 +121,6 @@ class BagReader:
         """Close the files."""
         for file in self.files:
             file.close()
-        if self._foreign is not None:
-            self._foreign.close()
         if self._view is not None:
             self._view.close()
 
@@ -146,41 +139,15 @@ class BagReader:
             raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
         return kind
 
-    def _raw_of(
-        self, file: McapFile, names: set[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[Recorded]:
-        channels = file.summary.channels.values()
-        wanted = None if names is None else {channel.id for channel in channels if channel.topic in names}
-        for channel, message in file.messages(wanted, start_ns, end_ns):
-            yield Recorded(channel.topic, message.log_time, message.data)
-
     def _unpacked(self, item: Recorded) -> Recorded:
         with told_at(f"{self.path}: {item.topic}", BagError):
             return item._replace(message=unpack(item.message, "zstd", MAX_CHUNK))
-
-    def _read_topics(self) -> dict[str, TopicInfo]:
-        topics: dict[str, TopicInfo] = {}
-        for file in self.files:
-            counts = file.statistics.channel_message_counts
-            for channel in file.summary.channels.values():
-                schema = file.summary.schemas.get(channel.schema_id)
-                kind = schema.name if schema else ""
-                if not is_readable(channel):
-                    continue
-                known = topics.setdefault(channel.topic, _topic_info(channel.topic, kind, channel.metadata))
-                known.count += counts.get(channel.id, 0)
-        return topics
 
 
 def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
     with told_at(where, BagError):
         return from_bytes(data, kind)
-
-
-def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
-    profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
-    return TopicInfo(name, kind, 0, profiles, metadata.get("topic_type_hash", ""))
 
 
 def _mcap_files(path: Path, information: dict[str, Any] | None) -> list[Path]:

@@ -8,7 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from copy import deepcopy
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.recorded import BagError, TopicInfo
 from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.constants import FLUSH_PERIOD
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
@@ -28,28 +28,6 @@ CHUNK_SIZE = 1 << 20  # bytes before compression
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
 METADATA = "metadata.yaml"
-
-
-@dataclass
-class _Topic:
-    name: str
-    type: str
-    channel: int
-    profiles: list[QoSProfile]
-    count: int = 0
-
-
-@dataclass
-class _Span:
-    start: int = 0
-    end: int = 0
-    count: int = 0
-    custom: dict[str, str] = field(default_factory=dict)
-
-    def add(self, stamp: int) -> None:
-        self.start = min(self.start, stamp) if self.count else stamp
-        self.end = max(self.end, stamp) if self.count else stamp
-        self.count += 1
 
 
 class BagWriter:
@@ -78,9 +56,11 @@ class BagWriter:
         compression = CompressionType.ZSTD if is_compressed else CompressionType.NONE
         self._mcap = Writer(self._file, chunk_size=chunk_size, compression=compression, enable_crcs=True)
         self._mcap.start(profile="ros2", library="sphere_nav")
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, TopicInfo] = {}
+        self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._span = _Span()
+        self._span: tuple[int, int] | None = None  # from the first stamp to the last
+        self._custom: dict[str, str] = {}
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
         self.is_complete = False
@@ -105,27 +85,27 @@ class BagWriter:
             encoding, text = (schema.encoding, schema.data) if schema else ("ros2msg", schema_text(kind_name).encode())
             self._schemas[kind_name] = self._mcap.register_schema(kind_name, encoding, text)
         offers = list(profiles) or [qos.STATE]
-        details = {"offered_qos_profiles": qos.profiles_to_yaml(offers), "topic_type_hash": type_hash(kind_name)}
-        channel = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
-        self._topics[name] = _Topic(name, kind_name, channel, offers)
+        self._topics[name] = info = TopicInfo(name, kind_name, 0, offers, type_hash(kind_name))
+        details = {"offered_qos_profiles": qos.profiles_to_yaml(offers), "topic_type_hash": info.hash}
+        self._channels[name] = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
 
     def type_of(self, topic: str) -> str:
         """Return the type of a topic that was declared, else an empty string."""
         entry = self._topics.get(absolute(topic))
         return entry.type if entry else ""
 
-    def write(self, topic: str, message: Any, stamp: int, *, published: int | None = None) -> None:
+    def write(self, topic: str, message: Any, stamp: int) -> None:
         """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
         self.add_topic(topic, type(message))
-        self.write_bytes(topic, serialize_to_store(message), stamp, published=published)
+        self.write_bytes(topic, serialize_to_store(message), stamp)
 
     def write_bytes(self, topic: str, data: bytes, stamp: int, *, published: int | None = None) -> None:
         """Write a serialized message on a topic that `add_topic` declared."""
         entry = self._topics[absolute(topic)]
+        sent, (first, last) = stamp if published is None else published, self._span or (stamp, stamp)
         with self._naming_the_file():
-            self._mcap.add_message(entry.channel, stamp, data, stamp if published is None else published, entry.count)
-        entry.count += 1
-        self._span.add(stamp)
+            self._mcap.add_message(self._channels[entry.name], stamp, data, sent, entry.count)
+        entry.count, self._span = entry.count + 1, (min(first, stamp), max(last, stamp))
         if self._clock() - self._last_flush >= FLUSH_PERIOD:
             self.flush()
 
@@ -146,12 +126,12 @@ class BagWriter:
 
     def annotate(self, key: str, value: str) -> None:
         """Add a word to the bag's `custom_data`."""
-        self._span.custom[key] = value
+        self._custom[key] = value
 
     @property
     def num_messages(self) -> int:
         """Messages written so far."""
-        return self._span.count
+        return sum(entry.count for entry in self._topics.values())
 
     def close(self) -> Path:
         """Complete the bag and give it its name; return its path."""
@@ -220,29 +200,26 @@ class BagWriter:
             raise BagError(describe_partial(self.partial, self.salvage_command))
 
     def _description(self) -> dict[str, Any]:
-        span = self._span
+        first, last = self._span or (0, 0)
         topics = [
             {"topic_metadata": _topic_description(entry), "message_count": entry.count}
             for entry in self._topics.values()
         ]
-        file = {
-            "path": self.file_name,
-            "starting_time": {"nanoseconds_since_epoch": span.start},
-            "duration": {"nanoseconds": span.end - span.start},
-            "message_count": span.count,
+        extent = {
+            "duration": {"nanoseconds": last - first},
+            "starting_time": {"nanoseconds_since_epoch": first},
+            "message_count": self.num_messages,
         }
         return {
             "version": 9,
             "storage_identifier": "mcap",
-            "duration": file["duration"].copy(),  # type: ignore[attr-defined]
-            "starting_time": file["starting_time"].copy(),  # type: ignore[attr-defined]
-            "message_count": span.count,
+            **extent,
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [self.file_name],
-            "files": [file],
-            "custom_data": span.custom or None,
+            "files": [{"path": self.file_name, **deepcopy(extent)}],  # else YAML would refer to the first
+            "custom_data": self._custom or None,
             "ros_distro": DISTRIBUTION,
         }
 
@@ -264,13 +241,13 @@ def describe_partial(partial: Path, command: str) -> str:
     return f"{partial}: a run that is still writing, or the remains of one: '{command}' rescues them, or delete it"
 
 
-def _topic_description(entry: _Topic) -> dict[str, Any]:
+def _topic_description(entry: TopicInfo) -> dict[str, Any]:
     return {
         "name": entry.name,
         "type": entry.type,
         "serialization_format": "cdr",
         "offered_qos_profiles": qos.to_entries(entry.profiles),
-        "type_description_hash": type_hash(entry.type),
+        "type_description_hash": entry.hash,
     }
 
 

@@ -6,18 +6,18 @@ to the namespace of the node.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_text, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, mapping, read_as, read_text, short
 from sphere_nav.ros.shared_files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
 INPUTS = ("rgbd", "stereo", "mono", "panorama")
 OPTIONAL = ("odom", "imu")
-FIELDS = {"title": str, "source": str, "input": str, "root": str, "topics": dict, "encodings": dict}
+FIELDS = ("title", "source", "input", "root", "topics", "encodings")
 TRANSPORTS = ("", "/compressed", "/compressedDepth")
 
 
@@ -27,10 +27,11 @@ class Driver:
 
     name: str
     title: str
+    source: str  # where it was looked up
     input: str  # one of INPUTS
     root: str
-    topics: Mapping[str, str]  # our name -> the driver's, relative to root
-    encodings: Mapping[str, tuple[str, ...]]  # of images, by our name
+    topics: dict[str, str]  # our name -> the driver's, relative to root
+    encodings: dict[str, tuple[str, ...]]  # of images, by our name
 
     def names(self, root: str | None = None) -> dict[str, str]:
         """Return the driver's topic for each of ours, below its usual root or another."""
@@ -81,16 +82,8 @@ def topics_by_driver(driver: str) -> dict[str, str]:
 
 
 def _driver(path: Path, content: Any) -> Driver:
-    if not isinstance(content, dict) or set(content) != set(FIELDS):
-        found = short(list(content)) if isinstance(content, dict) else short(content)
-        raise ValueError(f"{path}: expected {', '.join(FIELDS)}, found {found}")
-    for field, kind in FIELDS.items():
-        if not isinstance(content[field], kind):
-            raise ValueError(f"{path}: {field}: expected {kind.__name__}, found {short(content[field])}")
-    if content["input"] not in INPUTS:
-        raise ValueError(f"{path}: input: expected one of {', '.join(INPUTS)}, found {short(content['input'])}")
-    if not all(isinstance(words, list) for words in content["encodings"].values()):
-        raise ValueError(f"{path}: encodings: expected a list for each topic, found {short(content['encodings'])}")
-    encodings = {str(ours): tuple(map(str, words)) for ours, words in content["encodings"].items()}
-    topics = {str(ours): str(theirs).strip("/") for ours, theirs in content["topics"].items()}
-    return Driver(path.stem, content["title"], content["input"], content["root"].strip("/"), topics, encodings)
+    given = mapping(content, str(path), FIELDS)
+    driver: Driver = read_as(Driver, {"name": path.stem, **given}, str(path))
+    choice(driver.input, f"{path}: input", INPUTS)
+    topics = {ours: theirs.strip("/") for ours, theirs in driver.topics.items()}
+    return replace(driver, root=driver.root.strip("/"), topics=topics)

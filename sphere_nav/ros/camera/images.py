@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-import cv2
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.ros import conversions
 from sphere_nav.ros.endpoints import COMPRESSED, COMPRESSED_DEPTH
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 AnyImage: TypeAlias = Image | CompressedImage
 
@@ -41,8 +41,7 @@ def read_gray(
     message: AnyImage, size: tuple[int, int] | None = None, levels: conversions.Levels | None = None
 ) -> Bytes:
     """Return grey levels (H, W) uint8; `size` and `levels` as of `read_rgb`."""
-    pixels = read_rgb(message, size, levels=levels)
-    return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+    return to_gray_bytes(read_rgb(message, size, levels=levels))
 
 
 def read_depth(message: AnyImage) -> NDArray[Any]:

@@ -20,11 +20,9 @@ from sphere_nav.ros.conversions.images import (
     Levels,
     array_to_image,
     compressed_to_array,
-    compressed_to_image,
     decompress,
     depth_to_meters,
     image_to_array,
-    image_to_gray,
     image_to_rgb,
 )
 from sphere_nav.ros.conversions.poses import (
@@ -63,7 +61,6 @@ __all__ = [
     "check_image_size",
     "cloud_to_message",
     "compressed_to_array",
-    "compressed_to_image",
     "decompress",
     "depth_to_meters",
     "from_ros_covariance",
@@ -71,7 +68,6 @@ __all__ = [
     "has_baseline",
     "header",
     "image_to_array",
-    "image_to_gray",
     "image_to_rgb",
     "is_rectified_topic",
     "message_to_cloud",

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import Particle, ParticleCloud
@@ -35,13 +34,14 @@ def hypotheses_to_markers(
         color = COLORS[number > 0]
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
-        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, color)
+        place = *item.pose[:2], height
+        tilted, heads = (SE3.from_angles(0.0, 0.0, float(yaw), place) for yaw in (turn, item.pose[2]))
+        ellipse = make_marker("places", number, Marker.CYLINDER, color, tilted, stamp, frame_id)
         long, short = (4.0 * max(math.sqrt(max(v, 0.0)), 0.01) for v in (values[1], values[0]))
         ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
-        place = item.pose, height, float(item.pose[2])
-        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, color)
+        arrow = make_marker("headings", number, Marker.ARROW, color, heads, stamp, frame_id)
         arrow.scale.x, arrow.scale.y, arrow.scale.z = 1.0, THICKNESS, THICKNESS
-        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, color)
+        text = make_marker("weights", number, Marker.TEXT_VIEW_FACING, color, heads, stamp, frame_id)
         text.text, text.scale.z = f"{float(item.weight):.0%}", 0.4
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
@@ -67,13 +67,12 @@ def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, fr
     )
 
 
-def _marker(
-    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, color: ColorRGBA
+def make_marker(
+    name: str, number: int, kind: int, color: ColorRGBA, T_frame_marker: SE3, stamp: int, frame_id: str
 ) -> Marker:
-    pose, height, yaw = place
+    """Return a marker that is added, without a size."""
     marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=color)
-    marker.pose = se3_to_pose(SE3.from_planar(float(pose[0]), float(pose[1]), yaw))
-    marker.pose.position = Point(x=float(pose[0]), y=float(pose[1]), z=float(height))
+    marker.pose = se3_to_pose(T_frame_marker)
     return marker
 
 

@@ -6,8 +6,11 @@ A point of those is a feature: x y z its unit vector in the sphere's frame, `ran
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
 from sphere_nav.geometry.arrays import Bytes, Floats, Integers
@@ -26,27 +29,36 @@ KINDS = {
 def cloud_to_message(points: ArrayLike, stamp: int, frame_id: str, colors: Bytes | None = None) -> PointCloud2:
     """Return an unordered cloud of points (N, 3) in m; `colors` (N,) grey or (N, 3) RGB, as RViz shows them."""
     xyz = np.asarray(points, dtype=np.float32).reshape(-1, 3)
-    columns = [(name, "<f4") for name in "xyz"] + ([("rgb", "<u4")] if colors is not None else [])
-    table = np.zeros(len(xyz), dtype=columns)
+    table = np.zeros(len(xyz), [(name, "<f4") for name in ("x", "y", "z", *["rgb"] * (colors is not None))])
     for axis, name in enumerate("xyz"):
         table[name] = xyz[:, axis]
     if colors is not None:
-        rgb = np.broadcast_to(np.asarray(colors, np.uint32).reshape(len(xyz), -1), (len(xyz), 3))
-        table["rgb"] = rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2]
-    fields = [
-        PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, (n, _) in enumerate(columns)
-    ]
+        rgb = np.broadcast_to(np.asarray(colors, "<u4").reshape(len(xyz), -1), (len(xyz), 3))
+        table["rgb"] = (rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2]).view("<f4")
+    return table_to_message(table, stamp, frame_id, is_dense=bool(np.isfinite(xyz).all()))
+
+
+def table_to_message(table: NDArray[Any], stamp: int, frame_id: str, *, is_dense: bool = False) -> PointCloud2:
+    """Return the unordered cloud whose points are the rows of a table, little-endian and without padding."""
+    fields = [PointField(name=n, offset=at, datatype=kind, count=count) for n, at, kind, count in _fields(table.dtype)]
     return PointCloud2(
         header=header(stamp, frame_id),
         height=1,
-        width=len(xyz),
+        width=len(table),
         fields=fields,
         is_bigendian=False,
         point_step=table.itemsize,
         row_step=table.nbytes,
         data=to_bytes(table),
-        is_dense=bool(np.isfinite(xyz).all()),
+        is_dense=is_dense,
     )
+
+
+def _fields(layout: np.dtype[Any]) -> list[tuple[str, int, int, int]]:
+    """Return name, offset, type and count of each field of a table, as a cloud has them."""
+    codes = {kind: code for code, kind in KINDS.items()}
+    parts = (layout.fields or {}).items()
+    return [(name, at, codes[kind.base.str[1:]], math.prod(kind.shape)) for name, (kind, at, *_) in parts]
 
 
 def message_to_cloud(message: PointCloud2) -> Floats:
@@ -79,48 +91,40 @@ def message_to_cloud(message: PointCloud2) -> Floats:
     return points.astype(np.float32)
 
 
-LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("word", "<u2"), ("descriptor", "u1", SIZE)])
-FIELDS = (
-    ("x", 0, PointField.FLOAT32, 1),
-    ("y", 4, PointField.FLOAT32, 1),
-    ("z", 8, PointField.FLOAT32, 1),
-    ("range", 12, PointField.FLOAT32, 1),
-    ("word", 16, PointField.UINT16, 1),
-    ("descriptor", 18, PointField.UINT8, SIZE),
-)
+LAYOUT = np.dtype([*((name, "<f4") for name in ("x", "y", "z", "range")), ("word", "<u2"), ("descriptor", "u1", SIZE)])
+
+
+def features_to_table(features: Features, words: Integers | int = 0) -> NDArray[Any]:
+    """Return features and their words as rows of LAYOUT."""
+    table = np.zeros(len(features), LAYOUT)
+    table["x"], table["y"], table["z"] = features.rays.T
+    table["range"], table["word"], table["descriptor"] = features.range_m, words, features.descriptors
+    return table
+
+
+def table_to_features(table: NDArray[Any]) -> Features:
+    """Return the features of rows of LAYOUT."""
+    rays = np.stack([table[name] for name in "xyz"], axis=-1)
+    return Features(rays, table["range"].copy(), table["descriptor"].copy())
 
 
 def features_to_message(features: Features, words: Integers, stamp: int, frame_id: str) -> PointCloud2:
     """Return the message of a key sphere's features and their words."""
-    table = np.zeros(len(features), LAYOUT)
-    table["ray"], table["range"] = features.rays, features.range_m
-    table["word"], table["descriptor"] = words, features.descriptors
-    fields = [PointField(name=name, offset=at, datatype=kind, count=count) for name, at, kind, count in FIELDS]
-    return PointCloud2(
-        header=header(stamp, frame_id),
-        height=1,
-        width=len(table),
-        fields=fields,
-        point_step=LAYOUT.itemsize,
-        row_step=LAYOUT.itemsize * len(table),
-        data=to_bytes(table.view(np.uint8)),
-        is_dense=False,
-    )
+    return table_to_message(features_to_table(features, words), stamp, frame_id)
 
 
 def message_to_features(message: PointCloud2) -> tuple[Features, Integers]:
     """Return features and words; ValueError where the layout is another one, sizes do not fit, or a ray is none."""
-    fields = tuple((field.name, field.offset, field.datatype, field.count) for field in message.fields)
-    if fields != FIELDS or message.point_step != LAYOUT.itemsize or message.is_bigendian:
-        raise ValueError(f"features: fields: expected {[entry[0] for entry in FIELDS]}, found {[f[0] for f in fields]}")
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    if fields != _fields(LAYOUT) or message.point_step != LAYOUT.itemsize or message.is_bigendian:
+        raise ValueError(f"features: fields: expected {list(LAYOUT.names or ())}, found {[f[0] for f in fields]}")
     number, size = message.width * message.height, len(message.data)
     if number > LIMITS["features"] or size != number * LAYOUT.itemsize:
         raise ValueError(f"features: expected {number * LAYOUT.itemsize} bytes for {number} features, found {size}")
     table = np.frombuffer(bytes(message.data), LAYOUT)
-    if not np.all(np.abs(np.linalg.norm(table["ray"], axis=1) - 1.0) < 1e-3):
+    features = table_to_features(table)
+    if not np.all(np.abs(np.linalg.norm(features.rays, axis=1) - 1.0) < 1e-3):
         raise ValueError("features: x, y, z: expected unit vectors, found others")
-    if np.any(table["range"] <= 0):
+    if np.any(features.range_m <= 0):
         raise ValueError("features: range: expected positive metres or NaN, found others")
-    return Features(table["ray"].copy(), table["range"].copy(), table["descriptor"].copy()), table["word"].astype(
-        np.int64
-    )
+    return features, table["word"].astype(np.int64)

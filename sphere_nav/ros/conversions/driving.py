@@ -31,16 +31,11 @@ def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
         raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
 
 
-def motion_to_twist(speed: float, yaw_rate: float) -> Twist:
-    """Return a Twist of the rear-axle centre: m/s along the heading, rad/s."""
-    message = Twist()
-    message.linear.x, message.angular.z = float(speed), float(yaw_rate)
-    return message
-
-
-def motion_to_twist_stamped(speed: float, yaw_rate: float, stamp: int, frame_id: str) -> TwistStamped:
-    """Return a TwistStamped, stamp in ns."""
-    return TwistStamped(header=header(stamp, frame_id), twist=motion_to_twist(speed, yaw_rate))
+def motion_to_command(speed: float, yaw_rate: float, stamp: int, frame_id: str, *, is_stamped: bool) -> Any:
+    """Return a Twist of the rear-axle centre, m/s along the heading and rad/s, or a TwistStamped, stamp in ns."""
+    twist = Twist()
+    twist.linear.x, twist.angular.z = float(speed), float(yaw_rate)
+    return TwistStamped(header=header(stamp, frame_id), twist=twist) if is_stamped else twist
 
 
 def motion_to_ackermann(speed: float, steering_angle: float, stamp: int, frame_id: str) -> Any:
@@ -122,17 +117,11 @@ def message_to_progress(message: FollowerStatus) -> tuple[str, tuple[float, floa
 
 def tracking_to_message(tracking: Any, stamp: int, frame_id: str) -> TrackingError:
     """Return the message of anything with the fields of `path_follower.command.TrackingError`."""
-    errors, location = tracking.errors, tracking.location
-    return TrackingError(
-        header=header(stamp, frame_id),
-        longitudinal=float(errors.longitudinal),
-        lateral=float(errors.lateral),
-        yaw=float(errors.yaw),
-        cross_track=float(location.cross_track),
-        progress=float(location.arc_length),
-        segment=int(location.edge),
-        reference=_point(tracking.reference),
-    )
+    place, target = tracking.location, tracking.reference
+    message = TrackingError(header=header(stamp, frame_id), progress=float(place.arc_length), segment=int(place.edge))
+    point = ReferencePoint(position_x=float(target.x), position_y=float(target.y))
+    message.reference = told(point, target)
+    return told(told(message, tracking.errors), place, "cross_track")
 
 
 def trajectory_to_message(path: Any, stamp: int, frame_id: str) -> ReferenceTrajectory:
@@ -158,14 +147,3 @@ def message_to_trajectory(message: ReferenceTrajectory) -> tuple[Array, Array, A
     if backwards.size and not message.is_reverse_allowed:
         raise ValueError(f"points[{backwards[0]}].speed: expected 0 or more (is_reverse_allowed), found a negative one")
     return values[:, :2], values[:, 2], values[:, 3]
-
-
-def _point(reference: Any) -> ReferencePoint:
-    return ReferencePoint(
-        position_x=float(reference.x),
-        position_y=float(reference.y),
-        yaw=float(reference.yaw),
-        speed=float(reference.speed),
-        yaw_rate=float(reference.yaw_rate),
-        arc_length=float(reference.arc_length),
-    )

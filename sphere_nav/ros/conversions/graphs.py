@@ -18,12 +18,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import short
+from sphere_nav.ros.conversions.beliefs import make_marker
 from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
+from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 MAX_ID = np.iinfo(np.uint32).max
+MARKER_SIZE = 0.2  # m
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
 COLORS = {
     "key_spheres": ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9),
@@ -58,17 +61,10 @@ def experiences_to_messages(graph: SphereGraph, frame_id: str) -> list[MapExperi
     messages = []
     for one, part in split_by_experience(graph).items():
         nodes = sorted(part, key=lambda node: node.id)
-        messages.append(
-            MapExperience(
-                header=header(one.stamp_ns, frame_id),
-                name=one.name,
-                camera=one.camera,
-                drive=one.drive,
-                ids=[node.id for node in nodes],
-                served=[node.served for node in nodes],
-                last_served=[ns_to_time(node.last_served_ns) for node in nodes],
-            )
-        )
+        message = told(MapExperience(header=header(one.stamp_ns, frame_id)), one)
+        message.ids, message.served = [node.id for node in nodes], [node.served for node in nodes]
+        message.last_served = [ns_to_time(node.last_served_ns) for node in nodes]
+        messages.append(message)
     return messages
 
 
@@ -91,8 +87,8 @@ def messages_to_experiences(graph: SphereGraph, messages: Iterable[MapExperience
             if int(node_id) not in graph.nodes or int(node_id) in changes or not 0.0 <= served < np.inf:
                 expected = "key spheres of the graph, each once, and finite numbers of images"
                 raise ValueError(f"experience {short(str(one))}: expected {expected}, found {node_id}, {served}")
-            told = {"experience": one, "served": float(served), "last_served_ns": time_to_ns(last)}
-            changes[int(node_id)] = told
+            change = {"experience": one, "served": float(served), "last_served_ns": time_to_ns(last)}
+            changes[int(node_id)] = change
     return graph.with_nodes(changes)
 
 
@@ -136,25 +132,18 @@ def _inverse(matrix: Array) -> Array:
     return (vectors / np.maximum(values, 1.0 / MAX_VARIANCE)) @ vectors.T
 
 
-def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str, size: float = 0.2) -> MarkerArray:
-    """Return key spheres as balls of `size` metres, odometry edges as grey lines, loops as orange ones."""
-    balls = _marker("key_spheres", Marker.SPHERE_LIST, stamp, frame_id)
-    balls.scale.x = balls.scale.y = balls.scale.z = size
+def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str) -> MarkerArray:
+    """Return key spheres as balls, odometry edges as grey lines, loops as orange ones."""
+    where, marks = (SE3.identity(), stamp, frame_id), []
+    balls = make_marker("key_spheres", 0, Marker.SPHERE_LIST, COLORS["key_spheres"], *where)
+    balls.scale.x = balls.scale.y = balls.scale.z = MARKER_SIZE
     balls.points = [_point(node.T_map_sphere) for node in graph]
-    lines = []
     for name, is_loop in (("edges", False), ("loops", True)):
-        line = _marker(name, Marker.LINE_LIST, stamp, frame_id)
-        line.scale.x = 0.15 * size
+        line = make_marker(name, 0, Marker.LINE_LIST, COLORS[name], *where)
+        line.scale.x = 0.15 * MARKER_SIZE
         line.points = [point for edge in graph.edges if edge.is_loop == is_loop for point in _ends(graph, edge)]
-        lines.append(line)
-    return MarkerArray(markers=[balls, *lines])
-
-
-def _marker(name: str, kind: int, stamp: int, frame_id: str) -> Marker:
-    color = COLORS[name]
-    marker = Marker(header=header(stamp, frame_id), ns=name, id=0, type=kind, action=Marker.ADD, color=color)
-    marker.pose.orientation.w = 1.0
-    return marker
+        marks.append(line)
+    return MarkerArray(markers=[balls, *marks])
 
 
 def _ends(graph: SphereGraph, edge: Edge) -> tuple[Point, Point]:
@@ -162,5 +151,4 @@ def _ends(graph: SphereGraph, edge: Edge) -> tuple[Point, Point]:
 
 
 def _point(T_map_sphere: SE3) -> Point:
-    x, y, z = (float(value) for value in T_map_sphere.translation)
-    return Point(x=x, y=y, z=z)
+    return se3_to_pose(T_map_sphere).position

@@ -19,7 +19,6 @@ from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
 from sphere_nav.ros.conversions.stamps import header
-from sphere_nav.spheres.sphere import to_gray_bytes
 
 ENCODINGS: dict[str, tuple[type, int]] = {
     "mono8": (np.uint8, 1),
@@ -146,11 +145,6 @@ def used_bits(pixels: NDArray[np.uint16]) -> int:
     return next(bits for bits in SENSOR_BITS if highest < 1 << bits)
 
 
-def image_to_gray(message: Image, levels: Levels | None = None) -> Bytes:
-    """Return the grey levels (H, W) uint8; `levels` as of `image_to_rgb`."""
-    return to_gray_bytes(image_to_rgb(message, levels))
-
-
 def depth_to_meters(message: Image) -> Floats:
     """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none (REP-118, REP-117)."""
     pixels = image_to_array(message)
@@ -176,12 +170,6 @@ def compressed_to_array(
     if pixels.dtype == np.uint16:
         pixels = (levels or Levels()).to_bytes(pixels)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
-
-
-def compressed_to_image(message: CompressedImage, size: tuple[int, int] | None = None) -> Image:
-    """Return the Image (rgb8 or mono8) that was compressed; `size` as of `compressed_to_array`."""
-    pixels = compressed_to_array(message, size)
-    return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 
 def compressed_depth_to_image(message: CompressedImage) -> Image:
@@ -215,7 +203,8 @@ def decompress(message: CompressedImage) -> Image:
         return compressed_depth_to_image(message)
     if message.format.split(";")[0].strip() in SIXTEEN_BITS or is_sixteen_bit(message):
         return _compressed_16_bit(message)
-    return compressed_to_image(message)
+    pixels = compressed_to_array(message)
+    return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 
 def to_bytes(pixels: NDArray[Any]) -> array.array[int]:

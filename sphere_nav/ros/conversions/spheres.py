@@ -18,6 +18,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
+from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres import range_codec
 from sphere_nav.spheres.sphere import Sphere
 
@@ -64,18 +65,9 @@ def message_to_sphere(message: AugmentedSphere, *, is_gray: bool = False) -> Sph
 
 def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
     """Return the SphereInfo of a whole sphere or of a window of it."""
-    return SphereInfo(
-        projection=SphereInfo.EQUIRECTANGULAR,
-        frame_id=frame_id,
-        full_width=float(camera.full_width),
-        full_height=float(camera.full_height),
-        width=camera.width,
-        height=camera.height,
-        offset_u=float(camera.offset_u),
-        offset_v=float(camera.offset_v),
-        min_range=range_codec.MIN_RANGE,
-        max_range=range_codec.MAX_RANGE,
-    )
+    info = SphereInfo(projection=SphereInfo.EQUIRECTANGULAR, frame_id=frame_id)
+    info.min_range, info.max_range = range_codec.MIN_RANGE, range_codec.MAX_RANGE
+    return told(info, camera)
 
 
 def sphere_info_to_camera(info: SphereInfo) -> Spherical:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from tf2_msgs.msg import TFMessage
+
 from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.constants import AHEAD_NS, BACK_NS, LOG_PERIOD_S, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
+from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
-from sphere_nav.ros.tf import TransformBroadcaster
 
 REPORT = "tf"
 
@@ -18,7 +21,7 @@ class MapTransform:
         self._endpoints, self._odometry = endpoints, odometry
         self._map_frame, self._base_frame = map_frame, base_frame
         self._last_ns = 0
-        self._broadcaster = TransformBroadcaster(endpoints)
+        self._output = endpoints.add_publisher("/tf", TFMessage, qos.TF)
         self.clear()
         endpoints.add_timer(TRANSFORM_PERIOD_S, self._on_tick)
 
@@ -42,7 +45,7 @@ class MapTransform:
         if not self._odometry.frame:
             T_root_base, root = self._odometry.T_root_base
             self._endpoints.report(REPORT, OK, f"{self._map_frame} -> {root}")
-            self._broadcaster.send(T_map_base @ T_root_base.inverse(), stamp_ns, self._map_frame, root)
+            self._publish(T_map_base @ T_root_base.inverse(), stamp_ns, root)
             return
         if self._pose is None:
             self._since_ns = now
@@ -77,4 +80,7 @@ class MapTransform:
         if self._T_map_odom is not None and stamp_ns > self._last_ns:
             self._last_ns = stamp_ns
             T_map_odom, frame = self._T_map_odom
-            self._broadcaster.send(T_map_odom, stamp_ns, self._map_frame, frame)
+            self._publish(T_map_odom, stamp_ns, frame)
+
+    def _publish(self, T_map_frame: SE3, stamp_ns: int, frame: str) -> None:
+        self._output.publish(TFMessage(transforms=[se3_to_transform(T_map_frame, stamp_ns, self._map_frame, frame)]))

@@ -257,12 +257,8 @@ class LocalizerNode(ManagedNode):
     def on_relocalize(self, request: Relocalize.Request, response: Relocalize.Response) -> Relocalize.Response:
         """Search with the last image, and go on with the next ones where it is not found."""
         started, frame = time.perf_counter(), self.params.map_frame
-        try:
-            guess = conversions.pose_with_covariance_to_se3(request.guess, frame) if request.has_guess else None
-            estimate = self.relocalize(guess)
-        except ValueError as error:
-            response.message = str(error)
-            return response
+        guess = conversions.pose_with_covariance_to_se3(request.guess, frame) if request.has_guess else None
+        estimate = self.relocalize(guess)
         response.seconds = time.perf_counter() - started
         if estimate is None:
             response.message = "the search begins with the next image"

@@ -42,7 +42,6 @@ class PoseOutputs:
         self._status = endpoints.add_publisher("status", LocalizationStatus, qos.STATE)
         self._frames = params.map_frame, params.base_frame or params.camera_frame
         self._transform = MapTransform(endpoints, odometry, *self._frames) if params.publish_tf else None
-        self._told = ""
         self.state = State.UNCONFIGURED  # last told
         self._map_id = map_id
 
@@ -68,12 +67,8 @@ class PoseOutputs:
             level = OK
         text = describe_status(status)
         values |= {"quality": status.quality, "overlap": status.overlap, "inlier_share": status.inlier_share}
-        self._endpoints.report(REPORT, level, text, **values, milliseconds=status.milliseconds, age=status.age)
-        change = f"{status.state} {status.reason}"
-        if change != self._told:
-            log = self._endpoints.log
-            (log.info if level == OK else log.warning)(text, every=LOG_PERIOD_S, key=change)
-        self._told = change
+        values |= {"milliseconds": status.milliseconds, "age": status.age}
+        self._endpoints.tell(REPORT, level, text, f"{status.state} {status.reason}", every=LOG_PERIOD_S, **values)
 
     def _publish_pose(self, estimate: BaseEstimate, T_map_base: SE3, covariance: Array) -> None:
         stamp = estimate.status.stamp_ns

@@ -20,7 +20,8 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_nav.ros.bags.serialization import view_message
 from sphere_nav.ros.conversions import message_to_sphere
-from sphere_nav.spheres.appearance.features import SIZE, Features
+from sphere_nav.ros.conversions.clouds import LAYOUT, features_to_table, table_to_features
+from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -65,7 +66,6 @@ class Spool:
 
 
 C = TypeVar("C")
-LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("descriptor", "u1", SIZE)])
 
 
 class _Compact(Mapping[int, C]):
@@ -89,13 +89,10 @@ class CompactFeatures(_Compact[Features], MutableMapping[int, Features]):
     """Features by id of their key sphere."""
 
     def __getitem__(self, sphere_id: int) -> Features:
-        table = np.frombuffer(self._bytes_of(sphere_id), LAYOUT)
-        return Features(*(np.ascontiguousarray(table[name]) for name in ("ray", "range", "descriptor")))
+        return table_to_features(np.frombuffer(self._bytes_of(sphere_id), LAYOUT))
 
     def __setitem__(self, sphere_id: int, features: Features) -> None:
-        table = np.empty(len(features), LAYOUT)
-        table["ray"], table["range"], table["descriptor"] = features.rays, features.range_m, features.descriptors
-        self._places[sphere_id] = self._spool.add(table.tobytes())
+        self._places[sphere_id] = self._spool.add(features_to_table(features).tobytes())
 
     def __delitem__(self, sphere_id: int) -> None:
         del self._places[sphere_id]

@@ -27,6 +27,7 @@ from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter, describe_pa
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
 from sphere_nav.ros.conversions.graphs import experiences_to_messages, graph_to_message
+from sphere_nav.ros.conversions.status import told
 from sphere_nav.ros.maps.compact import Spool
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -248,17 +249,14 @@ def check_free(path: Path, *, is_overwriting: bool) -> None:
 
 def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
     nodes = sorted(graph, key=lambda node: node.id)
-    return MapInfo(
+    info = MapInfo(
         header=header(nodes[0].stamp_ns, details.frame_id),
-        map_id=details.map_id,
         format_version=MapInfo.FORMAT_VERSION,
-        software=details.software,
-        source=details.source,
         parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
-        rig=details.rig,
         num_spheres=len(nodes),
         length=_length(nodes),
     )
+    return told(info, details, "map_id", "software", "source", "rig")
 
 
 def _in_order(nodes: Iterable[KeySphere]) -> Iterator[int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import OpenedBag, find_offers
+from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 HELP = """\
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"  topics: {offer.reason}")
     if arguments.json:
         content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
-        arguments.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_json(arguments.json, content)
     return 0 if any(offer.command for offer in offers) else 1
 
 
@@ -98,11 +98,10 @@ def describe_mountings(frames: TransformTree, streams: Sequence[Stream], given: 
 
 def topic_table(streams: Sequence[Stream]) -> list[str]:
     """Return a line for each topic."""
-    rows = [("topic", "type", "messages", "rate", "frame", "content")]
+    rows: list[tuple[str | int, ...]] = [("topic", "type", "messages", "rate", "frame", "content")]
     for s in streams:
         size = f"{s.width} x {s.height} " if s.width else ""
         rate = f"{s.rate_hz:.1f} Hz" if s.count > 1 else ""
         content = f"{size}{s.encoding}".strip() + f" (of no use: {s.problem})" * bool(s.problem)
-        rows.append((s.topic, s.type.split("/")[-1], str(s.count), rate, s.frame_id, content.strip()))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        rows.append((s.topic, s.type.split("/")[-1], s.count, rate, s.frame_id, content.strip()))
+    return columns(rows)

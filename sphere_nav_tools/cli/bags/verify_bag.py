@@ -10,6 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from sphere_nav.ros.bags import BagReport, salvage, verify_bag
+from sphere_nav_tools.offline.tables import columns
 
 HELP = """\
 Read every message of a bag, check its checksums, and tell what is in it. Exit status 1 if there is a problem.
@@ -57,6 +58,5 @@ def _as_text(report: BagReport) -> str:
     seconds = (report.time_range[1] - report.time_range[0]) / 1e9
     verdict = "good" if not report.problems else "damaged"
     lines = [f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"]
-    width = max((len(name) for name in report.topics), default=0)
-    lines += [f"  {name:<{width}}  {info.count:7d}  {info.type}" for name, info in sorted(report.topics.items())]
-    return "\n".join(lines)
+    topics = ((f"  {name}", info.count, info.type) for name, info in sorted(report.topics.items()))
+    return "\n".join([*lines, *columns(topics)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -24,6 +23,7 @@ from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, find_map
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\
 Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
@@ -146,7 +146,7 @@ class Demo:
                 "cycab_sim",
                 self.simulation | LOCK_STEP | TEACHING | {"rig.file": str(self.folder / "rig.yaml")},
             )
-            self.follow(watch, "teaching drive", lambda: watch.is_taught)
+            self.follow(watch, "teaching drive", lambda: watch.has_told("taught"))
             processes.stop("bag_recorder")
             processes.wait("warm_up")
 
@@ -171,11 +171,11 @@ class Demo:
             processes.start("cycab_sim", self.simulation | LOCK_STEP | paused | self.other_day)
             taught = {"trajectory": str(self.folder / "taught.tum"), "enable_stamped_cmd_vel": True}
             processes.start("path_follower", clock | taught)  # time stands until it is there
-            watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+            watch.wait("localisation", lambda: watch.has_told("paused"), is_moving=False)
             watch.call("path_follower/start")
             watch.call("cycab_sim/resume")
-            self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
-            self.has_finished = watch.follower.startswith("FINISHED")
+            self.follow(watch, "drive by the camera", lambda: has_ended(watch.state("follower")))
+            self.has_finished = watch.state("follower").startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
 
@@ -202,7 +202,7 @@ class Demo:
             plots.plot_top_view(self.folder / "top_view.png", errors, keys)
             plots.plot_errors(self.folder / "errors.png", errors)
         result = self.result(errors, len(keys))
-        (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_json(self.folder / "result.json", result)
         print(result_table(result, self.folder))
         return 0 if result["has_followed"] else 1
 

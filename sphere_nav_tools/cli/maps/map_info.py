@@ -17,6 +17,7 @@ from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav_tools.offline.constants import EPOCHS_S
+from sphere_nav_tools.offline.tables import columns
 
 HELP = """\
 Tell what is in a map: key spheres, edges, size, extent, and with which parameters it was made.
@@ -77,8 +78,7 @@ def in_words(facts: dict[str, Any]) -> list[str]:
         rows.append(
             (f"  {experience['name'] or 'first'}", f"{experience['key_spheres']} key spheres of {drive}; {used}")
         )
-    column = max(len(name) for name, _ in rows)
-    return [f"{name:<{column}}  {text}" for name, text in rows]
+    return columns(rows)
 
 
 def _when(seconds: float) -> str:

@@ -33,6 +33,7 @@ from std_srvs.srv import Trigger
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.conversions.driving import motion_to_command
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
 from sphere_nav.ros.subscription import full_name
@@ -81,7 +82,7 @@ class Link:
         calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
         calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
         calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
-        self._clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
+        self.clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
         self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
         self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])
         self._subscribe()
@@ -218,7 +219,7 @@ class Link:
 
     def call(self, name: str, request: Any, patience: float = ANSWER_S) -> str:
         """Call a service and return why it was not done; empty where it was."""
-        client = self._clients[name]
+        client = self.clients[name]
         if not client.service_is_ready():
             return f"nobody offers {name}: is the node running, in this domain and namespace?"
         response = self._wait(client.call_async(request), patience)
@@ -237,7 +238,7 @@ class Link:
             if self._emergency is None:
                 self._emergency = self.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
             self._emergency.publish(Bool(data=True))
-        stop = self._clients["path_follower/stop"]
+        stop = self.clients["path_follower/stop"]
         if stop.service_is_ready():
             stop.call_async(Trigger.Request())
         self._cancel_missions()
@@ -299,14 +300,8 @@ class Link:
                 return
             age = time.monotonic() - self._held_at
             speed, turn = self._held if age < HELD_S and self._emergency is None else (0.0, 0.0)
-            twist = Twist()
-            twist.linear.x, twist.angular.z = speed, turn
-            if self._wheels.msg_type is TwistStamped:
-                message = TwistStamped(twist=twist)
-                message.header.stamp, message.header.frame_id = self.node.get_clock().now().to_msg(), "base_link"
-                self._wheels.publish(message)
-            else:
-                self._wheels.publish(twist)
+            now, is_stamped = self.node.get_clock().now().nanoseconds, self._wheels.msg_type is TwistStamped
+            self._wheels.publish(motion_to_command(speed, turn, now, "base_link", is_stamped=is_stamped))
             if age > HELD_S + WITHDRAW_S:
                 self.node.destroy_publisher(self._wheels)
                 self._wheels = None

@@ -19,6 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sphere_nav.spheres.sphere import to_rgb
 from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, PICTURE_S, SILENT_S
 from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
@@ -29,7 +30,6 @@ from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, banner, health, log_of, timeline
-from sphere_nav_tools.cli.view.server import colored
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 DARK_KEY = "sphere_nav_dark"
@@ -193,7 +193,7 @@ class Desk:
         self._use_map = self._button("localise in its map", OTHER, self._use)
 
     def _add_camera(self) -> None:
-        gui, grey = self.client.gui, colored(np.full((120, 160), 128, np.uint8))
+        gui, grey = self.client.gui, to_rgb(np.full((120, 160), 128, np.uint8))
         self._shows_pictures = gui.add_checkbox("show pictures", False)
         self._shows_pictures.on_update(lambda _: self.link.watch_pictures(self._shows_pictures.value))
         self._pictures = {
@@ -403,7 +403,7 @@ class Desk:
             gray = self.link.picture(name)
             if gray is not None:
                 scale = min(1.0, 320 / gray.shape[1])
-                shown.image = colored(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+                shown.image = to_rgb(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
 def possible(seen: Heard, is_pressed: bool) -> dict[str, bool]:

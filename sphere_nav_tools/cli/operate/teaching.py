@@ -119,7 +119,8 @@ class Teaching:
         """Return in one line what is going on, or how it ended."""
         if self._process is None:
             return ""
-        status, said = self._process.poll(), self._last_words()
+        words = self._processes.last_words(f"{self.name}.{self._job}")
+        status, said = self._process.poll(), LOG_HEAD.sub("", words)[:MAX_LINE]
         if status is None:
             seconds = time.monotonic() - self._begun
             size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
@@ -141,14 +142,3 @@ class Teaching:
         self._job, self.name, self._begun = job, name, time.monotonic()
         self._process = self._processes.begin(f"{name}.{job}", command)
         return f"{job} {name}"
-
-    def _last_words(self) -> str:
-        try:
-            with (self.folder / f"{self.name}.{self._job}.log").open("rb") as log:
-                log.seek(0, 2)
-                log.seek(max(0, log.tell() - 4096))
-                lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
-        except OSError:
-            return ""
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        return LOG_HEAD.sub("", last)[:MAX_LINE]

@@ -5,10 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.judge.residual import residual_image
 from dense_localizer.localizer import Localizer
@@ -17,8 +13,8 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.localization.status import Status
 from sphere_nav.params import build
-from sphere_nav.ros import conversions
 from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.spheres.sphere import to_gray_bytes, to_rgb
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 
 
@@ -55,14 +51,11 @@ class Drive:
 
     def shots(self) -> Iterator[Shot]:
         """Yield what is known of every image, in order. BagError for damage."""
-        levels = conversions.Levels()
-        for stamp, message in self._recorded.messages():
-            gray: NDArray[Any] = conversions.image_to_gray(message, levels)
+        for stamp, image in self._recorded.images():
+            gray = to_gray_bytes(image)
             estimate = self._localizer.update(gray, self.camera, stamp)
             residual = residual_image(gray, self.camera, estimate.candidate) if estimate.candidate is not None else None
-            image = conversions.image_to_rgb(message, levels)
-            image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-            yield Shot(stamp, image, residual, estimate.T_map_camera, estimate.status)
+            yield Shot(stamp, to_rgb(image), residual, estimate.T_map_camera, estimate.status)
 
     def close(self) -> None:
         """End what the localiser prepares."""

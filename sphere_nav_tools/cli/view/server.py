@@ -17,7 +17,7 @@ import numpy as np
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.spheres.graph import Experience, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_rgb
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
@@ -120,11 +120,11 @@ class Page:
             handles["text"] = gui.add_markdown(shot.text)
             handles["image"] = gui.add_image(shot.image, label="camera")
             gray = np.full(shot.image.shape[:2], 128, np.uint8)
-            handles["residual"] = gui.add_image(colored(gray), label="residual (grey: as the map)")
+            handles["residual"] = gui.add_image(to_rgb(gray), label="residual (grey: as the map)")
         handles["text"].content = shot.text
         handles["image"].image = shot.image
         if shot.residual is not None:
-            handles["residual"].image = colored(shot.residual)
+            handles["residual"].image = to_rgb(shot.residual)
         if shot.T_map_camera is not None:
             x, y, z, w = shot.T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
@@ -285,11 +285,6 @@ def shown(view: SynthesizedView) -> Bytes:
     image = view.image.copy()
     image[~view.is_known] = 60
     return image
-
-
-def colored(gray: Bytes) -> Bytes:
-    """Return a grey picture with three channels."""
-    return np.repeat(gray[..., None], 3, axis=2)
 
 
 def encoded(image: Bytes, suffix: str) -> bytes:

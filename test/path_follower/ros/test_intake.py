@@ -11,6 +11,7 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus
 from tf2_msgs.msg import TFMessage
 
+from path_follower.path import Pose2
 from path_follower.ros.intake import Answered, DirectionIntake
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
@@ -395,8 +396,8 @@ def test_wheels_of_another_frame_are_refused():
     message = se3_to_odometry(SE3.from_planar(4, 5, 0.6), np.eye(6), bus.now_ns, ("odom", "base_link"), twist)
     bus.deliver("/odom", message)
     list(bus.settle())
-    time, (place, speed, yaw_rate) = node.loop.follower.consistency._odometry[-1]
-    assert (*place, speed, yaw_rate) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
+    time, T_odom_base, twist = node.loop.follower.consistency._odometry[-1]
+    assert (*Pose2.of(T_odom_base), twist[0], twist[5]) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
     assert time == node.loop.times.now()
     message.child_frame_id = "front_axle"
     bus.deliver("/odom", message)

@@ -433,7 +433,7 @@ def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(tri
         while state == "PAUSED" and trip.state != "PAUSED":
             trip.answer(old.tick(trip.now))
     trip.mission = Mission(old.network, PARAMS, VehicleParams())
-    trip.mission.restore(old.goal, list(old.course.legs), old.snapshot(), trip.now)
+    trip.mission.restore(old.snapshot(), trip.now)
     assert trip.live(1.0) == []
     assert trip.mission.state == expected
     assert trip.mission.goal == GOAL

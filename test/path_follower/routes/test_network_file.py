@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from path_follower.routes.mission_file import read_mission, write_course, write_
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, Route, plan
+from path_follower.routes.planning import Leg, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
@@ -30,7 +31,7 @@ def named(fork):
 def test_a_network_comes_back_as_it_was(named, tmp_path):
     write_network(tmp_path / "routes.geojson", named)
     assert [path.name for path in tmp_path.iterdir()] == ["routes.geojson"]
-    found = read_network(network_path(tmp_path), "campus")
+    found = read_network(network_path(tmp_path))
     assert (found.places, found.map_id, found.frame) == (named.places, "campus", "map")
     assert list(found.nodes) == list(named.nodes)
     for edge in named.edges.values():
@@ -90,14 +91,6 @@ def test_an_edge_comes_back_from_its_file_however_it_may_be_driven():
     assert lines[10]["properties"]["cost"] == pytest.approx(edges[10].seconds(2.0), abs=1e-3)
 
 
-def test_another_map_is_refused(named, tmp_path):
-    write_network(tmp_path / "routes.geojson", named)
-    with pytest.raises(
-        ValueError, match=r"routes.geojson: network.map_id: expected that of the map, hall, found campus"
-    ):
-        read_network(tmp_path / "routes.geojson", "hall")
-
-
 def edge_of(whole):
     return next(f for f in whole["features"] if f["geometry"]["type"] == "MultiLineString")["properties"]
 
@@ -114,7 +107,7 @@ BROKEN = {
     "yaw: expected a finite number": lambda w: w["features"][0]["properties"].pop("yaw"),
     "expected columns of one length": lambda w: edge_of(w)["curve"]["x"].pop(),
     "expected points at most 1.0 m apart": lambda w: edge_of(w)["curve"]["x"].__setitem__(5, 99.0),
-    "curve.yaw: expected a finite number": lambda w: edge_of(w)["curve"]["yaw"].__setitem__(5, "nan"),
+    "curve.yaw[5]: expected a finite number": lambda w: edge_of(w)["curve"]["yaw"].__setitem__(5, "nan"),
     "expected nodes that exist, found 999": lambda w: edge_of(w).update(endid=999),
     "expected its curve to end at node": lambda w: edge_of(w).update(endid=edge_of(w)["startid"]),
     "metadata.width: expected a value": lambda w: edge_of(w)["metadata"].pop("width"),
@@ -126,7 +119,7 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(named):
     for text in BROKEN:
         whole = json.loads(to_geojson(named))
         BROKEN[text](whole)
-        with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
+        with pytest.raises(ValueError, match=re.escape(text)) as error:
             from_geojson(json.dumps(whole), "routes.geojson")
         assert "\n" not in str(error.value)
         assert str(error.value).startswith("routes.geojson")
@@ -166,7 +159,7 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
     (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
     mission.course = make_course(fork, legs, None, VehicleParams())
-    mission._route, mission._lap_legs, mission.laps_left = Route(tuple(legs), 24.0), (1, 2), 2
+    mission._seconds, mission._lap_legs, mission.laps_left = 24.0, (1, 2), 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
@@ -178,12 +171,12 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
 
 BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
-    "expected format 'sphere_nav mission' version 1": {"version": 7},
-    "legs: expected": {"legs": []},
-    "goal.place: expected a name": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0}},
-    "goal.laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
-    "goal.pose: expected 3 numbers": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0}},
-    "ends: expected a list of numbers": {"ends": "x"},
+    "expected format 'sphere_nav mission' version 2": {"version": 7},
+    "legs[0]: expected the fields": {"legs": [[1, 1, 0.0, 3.0]]},
+    "goal.place: expected str": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0.0}},
+    "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
+    "goal.pose: expected 3 values": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0.0}},
+    "closed: expected list": {"closed": "x"},
     "driven: expected a finite number": {"driven": "nan"},
 }
 
@@ -193,7 +186,7 @@ def test_a_file_that_is_no_mission_is_refused(file, fork):
     for text, change in BROKEN_MISSIONS.items():
         file.write_text(json.dumps(whole | change))
         mission = mission_of(fork)
-        with pytest.raises(ValueError, match=text):
+        with pytest.raises(ValueError, match=re.escape(text)):
             read_mission(file, mission, 0.0)
         assert mission.goal is None
 

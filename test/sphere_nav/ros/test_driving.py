@@ -15,10 +15,10 @@ STAMP = 1_700_000_000_123_456_789
 
 
 def test_a_twist_is_speed_and_yaw_rate_of_the_rear_axle():
-    twist = driving.motion_to_twist(1.2, -0.3)
+    twist = driving.motion_to_command(1.2, -0.3, STAMP, "base_link", is_stamped=False)
     assert (twist.linear.x, twist.angular.z) == (1.2, -0.3)
     assert (twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y) == (0, 0, 0, 0)
-    stamped = driving.motion_to_twist_stamped(1.2, -0.3, STAMP, "base_link")
+    stamped = driving.motion_to_command(1.2, -0.3, STAMP, "base_link", is_stamped=True)
     assert (stamp_ns(stamped), stamped.header.frame_id, stamped.twist) == (STAMP, "base_link", twist)
 
 

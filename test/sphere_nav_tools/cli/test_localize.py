@@ -22,7 +22,6 @@ from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
-    image_to_gray,
     pose_with_covariance_to_se3,
     se3_to_pose_with_covariance,
     se3_to_transform,
@@ -201,6 +200,6 @@ def test_compressed_images_come_with_stamp_and_calibration(tmp_path, rng):
     recorded = RecordedCamera(tmp_path / "bag", no_options())
     assert recorded.frame_id == "front_optical"
     assert recorded.camera == PINHOLE
-    ((stamp, found),) = recorded.messages()
+    ((stamp, found),) = recorded.images()
     assert stamp == 7
-    assert np.array_equal(image_to_gray(found), image)
+    assert np.array_equal(found, image)

@@ -55,7 +55,7 @@ def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, 
     assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
     said = capsys.readouterr().out
     assert "2  TRACKING" in said
-    assert "DEGRADED       LOW_OVERLAP    turn back" in said
+    assert "DEGRADED   LOW_OVERLAP  turn back" in said
     assert "median 7.0 ms" in said  # without the silence
     assert (drive / "a.png").read_bytes().startswith(b"\x89PNG")
 

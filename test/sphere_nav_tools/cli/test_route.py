@@ -44,7 +44,7 @@ def test_places_that_are_named_are_ends_of_ways(drives, capsys):
     status, said = run(capsys, "name", "gate", "net.geojson", "--at", "50,0.5")
     assert (status, "gate is node" in said.out) == (0, True)
     assert run(capsys, "name", "yard", "net.geojson", "--at", "36,4,90")[0] == 0
-    network = read_network("net.geojson", "campus")
+    network = read_network("net.geojson")
     assert sorted(network.places) == ["gate", "home", "yard"]
     assert network.nodes[network.places["yard"]].pose.y == pytest.approx(4.0, abs=0.2)
     status, said = run(capsys, "show", "net.geojson", "--plot", "net.png")
@@ -113,10 +113,10 @@ def test_a_network_in_lines(network):
     """A Cycab, 1.2 m between the axles and 0.45 rad of steering, drives circles of 2.48 m."""
     assert describe(network) == [
         "4 nodes, 3 edges, 14.9 m, map unknown",
-        "edge   from     to  length  width  drives  speed  deviation  driven",
-        "   5      1      2    10.0   1.50       3   0.50      0.013  both ways",
-        "   6      2      3     2.3   1.25       1      -          -  backwards",
-        "   7      2      4     2.6   0.00       1      -          -  forward",
+        "edge  from  to  length  width  drives  speed  deviation  driven",
+        "   5     1   2  10.0    1.50        3  0.50   0.013      both ways",
+        "   6     2   3  2.3     1.25        1  -      -          backwards",
+        "   7     2   4  2.6     0.00        1  -      -          forward",
         "place barn: node 1",
         "place gate: node 3",
         "edge 6: bends to 2.3 m radius; a Cycab cannot turn tighter than 2.5",

@@ -14,7 +14,8 @@ from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.up import Running, _end, _watch, ros_arguments
+from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.up import ros_arguments, watch
 from worlds.localizer import make_map
 from worlds.patience import Patience
 from worlds.room import wide_room
@@ -55,11 +56,11 @@ def up(*words):
 def test_a_node_that_dies_starts_again(tmp_path, capfd):
     """The first time it fails, the second time it ends as if it were told to; the other one ends with it."""
     mark = f"import pathlib, sys; mark = pathlib.Path({str(tmp_path / 'mark')!r}); found = mark.exists(); mark.touch()"
-    guard = Running("command_guard", [sys.executable, "-S", "-c", f"{mark}; sys.exit(0 if found else 3)"])
-    other = Running("path_follower", [sys.executable, "-S", "-c", "import time; time.sleep(60)"])
-    assert _watch([guard, other]) == 1
-    assert not _end([guard, other])
-    assert (guard.num_restarts, other.process.returncode) == (1, -signal.SIGINT)
+    guard = [sys.executable, "-S", "-c", f"{mark}; sys.exit(0 if found else 3)"]
+    other = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
+    with Processes() as nodes:
+        assert watch(nodes, {"command_guard": guard, "path_follower": other}) == 1
+        assert nodes.end() == {"path_follower": -signal.SIGINT}
     told = capfd.readouterr().err
     assert "up: command_guard ended with status 3; it starts again" in told
     assert "up: command_guard ended with status 0; the others end, too" in told

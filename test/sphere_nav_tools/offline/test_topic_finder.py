@@ -12,8 +12,7 @@ pytest.importorskip("rclpy")
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.camera.drivers import driver_names, read_driver
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.tf import TransformTree

@@ -12,8 +12,7 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE_INFO
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE_INFO, Stream
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.cli.main import COMMANDS

@@ -117,7 +117,7 @@ DEFECTS = {
     "a lost mask": (put(*A, "mask", "gone.png"), "cameras.a.mask: expected an image file, found no gone.png"),
     "ocam distorted": (put("cameras", "f", "distortion", [0.1]), "cameras.f.distortion: expected none for ocam"),
     "pinhole polynomial": (put(*A, "polynomial", [0.1]), "cameras.a.polynomial: expected none for pinhole"),
-    "short fisheye": (put("cameras", "c", "distortion", [0.1]), "cameras.c.distortion: expected 4 numbers, found 1"),
+    "short fisheye": (put("cameras", "c", "distortion", [0.1]), "cameras.c: distortion: expected 4 finite numbers"),
     "distorted sphere": (put("cameras", "d", "distortion", [0.1]), "distortion: expected none for double_sphere"),
     "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
 }

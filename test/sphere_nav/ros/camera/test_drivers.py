@@ -83,9 +83,9 @@ def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input": "lidar"}, "input: expected one of rgbd, stereo, mono, panorama, found 'lidar'"),
+        ({"input": "lidar"}, "input: expected rgbd, stereo, mono, panorama, found 'lidar'"),
         ({"topics": 3}, "topics: expected dict, found 3"),
-        ({"rate": 3}, f"expected {', '.join(FIELDS)}, found"),
+        ({"rate": 3}, f"expected only {', '.join(FIELDS)}, found"),
     ],
 )
 def test_a_file_that_is_none_is_refused_by_name(tmp_path, change, said):

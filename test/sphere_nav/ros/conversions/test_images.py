@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
+from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.conversions import (
     array_to_image,
     compressed_to_array,
-    compressed_to_image,
     decompress,
     depth_to_meters,
     image_to_array,
-    image_to_gray,
     image_to_rgb,
     stamp_ns,
 )
@@ -73,16 +72,16 @@ def test_color_is_rgb_whatever_the_order(rng):
         ("bgra8", np.dstack([rgb[..., ::-1], rgb[..., 0]])),
     ):
         np.testing.assert_array_equal(image_to_rgb(array_to_image(pixels, 0, "", encoding)), rgb)
-    gray = image_to_gray(array_to_image(rgb, 0, "", "rgb8"))
+    gray = read_gray(array_to_image(rgb, 0, "", "rgb8"))
     expected = rgb @ np.array([0.299, 0.587, 0.114])
     np.testing.assert_allclose(gray, expected, atol=1.0)  # rounded to a grey level, with OpenCV's integer weights
 
 
 def test_sixteen_bits_become_eight(rng):
     deep = picture(rng, "mono16")
-    np.testing.assert_array_equal(image_to_gray(array_to_image(deep, 0, "", "mono16")), deep // 256)
+    np.testing.assert_array_equal(read_gray(array_to_image(deep, 0, "", "mono16")), deep // 256)
     with pytest.raises(ValueError, match="expected a grey or colour image, found '32FC1'"):
-        image_to_gray(array_to_image(picture(rng, "32FC1"), 0, "", "32FC1"))
+        read_gray(array_to_image(picture(rng, "32FC1"), 0, "", "32FC1"))
 
 
 def test_depth_is_in_meters_and_nan_where_there_is_none():
@@ -107,7 +106,7 @@ def test_compressed_images(suffix, shape):
     found = compressed_to_array(message)
     tolerance = 0 if suffix == ".png" else 6  # a smooth picture at JPEG quality 95
     np.testing.assert_allclose(found.astype(int), pixels.astype(int), atol=tolerance)
-    assert compressed_to_image(message).encoding == ("rgb8" if pixels.ndim == 3 else "mono8")
+    assert decompress(message).encoding == ("rgb8" if pixels.ndim == 3 else "mono8")
 
 
 def test_compressed_data_that_is_no_image():
@@ -172,7 +171,7 @@ def test_colors_of_pairs_of_pixels_need_an_even_width():
 def test_grey_levels_of_fewer_bits_fill_the_range(rng, bits):
     levels = rng.integers(0, 1 << bits, (40, 60)).astype(np.uint16)
     levels[3, 4] = (1 << bits) - 1
-    gray = image_to_gray(array_to_image(levels, 0, "", "mono16"))
+    gray = read_gray(array_to_image(levels, 0, "", "mono16"))
     np.testing.assert_array_equal(gray, levels >> (bits - 8))
     colors = image_to_rgb(array_to_image(levels, 0, "", "bayer_rggb16"))
     eight = array_to_image((levels >> (bits - 8)).astype(np.uint8), 0, "", "bayer_rggb8")

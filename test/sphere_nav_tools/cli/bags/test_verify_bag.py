@@ -25,7 +25,7 @@ def bag(tmp_path):
 def test_a_good_bag(bag, capsys):
     assert main(["verify-bag", str(bag)]) == 0
     out = capsys.readouterr().out
-    assert out == f"{bag}: good, 20 messages in 19.0 s\n  /text       20  std_msgs/msg/String\n"
+    assert out == f"{bag}: good, 20 messages in 19.0 s\n  /text  20  std_msgs/msg/String\n"
 
 
 def test_a_damaged_bag(bag, capsys):

@@ -45,7 +45,7 @@ def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_p
         processes.run("compiler", "sum(1 for _ in iter(int, 1))")
         time.sleep(1.0)  # it starts
         watch.wait("drive", lambda: time.monotonic() > begun + 2.5, is_moving=True)
-        processes._running["compiler"].kill()
+        processes.running["compiler"].kill()
         with pytest.raises(RuntimeError, match="compiler ended with status -9"):
             watch.wait("drive", lambda: False, is_moving=True)
 
@@ -61,7 +61,7 @@ def test_a_car_that_stands_for_half_a_minute_of_simulated_time_has_failed(tmp_pa
         return now == 60
 
     with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: None)
+        monkeypatch.setattr(module, "LOOK", 0.0)
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
             watch.wait("drive", drive, is_moving=True, bar=bar)

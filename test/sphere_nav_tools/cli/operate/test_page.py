@@ -108,7 +108,7 @@ def yard(tmp_path_factory):
     (folder / "loop.csv").write_text("0,0\n9,0\n")
     follower, link = FakeFollower(), Link()
     page = OperatorPage(link, Teaching(folder, [], []), host="127.0.0.1", port=8960, token=TOKEN)
-    wait_until(lambda: all(link._clients[f"path_follower/{name}"].service_is_ready() for name in SERVICES))
+    wait_until(lambda: all(link.clients[f"path_follower/{name}"].service_is_ready() for name in SERVICES))
     yield follower, link, page
     page.close()
     link.close()

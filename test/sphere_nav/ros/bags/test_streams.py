@@ -8,8 +8,7 @@ import pytest
 from sensor_msgs.msg import CompressedImage
 
 from sphere_nav.geometry import Pinhole
-from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, examine_samples
-from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, Stream, examine_samples
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompress
 from sphere_nav.ros.conversions.stamps import header
 from worlds.streams import compressed, image
