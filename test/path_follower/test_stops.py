@@ -126,15 +126,6 @@ def driving(kit):
     return follower, drive.poses[-1], drive.commands[-1].stamp_ns
 
 
-@pytest.fixture
-def driving(kit):
-    points = kit.course((40, 0))
-    follower = Follower(PARAMS, kit.make_path(points[:, :2], PARAMS, points[:, 2]))
-    drive = kit.run(follower, (0, 0, 0), seconds=6.0)
-    assert drive.commands[-1].speed > 1.0
-    return follower, drive.poses[-1], drive.commands[-1].stamp_ns
-
-
 def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(driving):
     follower, pose, now = driving
     follower.stand(Verdict(StopReason.OPERATOR))
