@@ -4,7 +4,6 @@ import errno
 import os
 import shlex
 import signal
-import subprocess
 import sys
 from contextlib import closing
 
@@ -28,21 +27,13 @@ START, STEP = 7_000_000_000, 50_000_000
 
 
 @pytest.fixture
-def start():
-    processes = []
-
+def start(spawn):
     def begin(node, *more, **values):
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")] + list(more)
         command = [sys.executable, "-m", f"sphere_nav.ros.bags.{node.removeprefix('bag_')}_node", "--ros-args", *words]
-        process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
-        processes.append(process)
-        return process
+        return spawn(command)
 
-    yield begin
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=120.0)
+    return begin
 
 
 def end_of(process):
@@ -142,25 +133,19 @@ sys.exit(recorder_node.main())
 
 
 @pytest.fixture
-def record_slowly(tmp_path):
+def record_slowly(tmp_path, spawn):
     """Record on a disk that takes so long to sync; return status and standard error after SIGINT."""
-    processes = []
 
     def record(sync_s, patience_s):
         command = [sys.executable, "-c", RECORDER, str(sync_s), str(patience_s), "--ros-args"]
         command += ["-p", f"output:={tmp_path / 'slow'}", "-p", "topic_set:=all"]
-        process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
-        processes.append(process)
+        process = spawn(command)
         line_with(process, "/rosout: recording")
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=PATIENCE)
         return process.returncode, err
 
-    yield record
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-            process.communicate(timeout=120.0)
+    return record
 
 
 @pytest.mark.dds
