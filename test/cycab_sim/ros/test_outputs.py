@@ -63,16 +63,20 @@ def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_
         np.testing.assert_allclose(T_rig_camera.matrix, camera.T_rig_camera.matrix, atol=1e-9)
 
 
-def test_image_calibration_sphere_and_frames_belong_together(small_params):
-    simulator = Simulator(replace(small_params, world="ramp"))
-    sent = published(simulator, "camera", "sphere").sent
-    (image,), (info,), (sphere,) = sent["image_raw"], sent["camera_info"], sent["sphere"]
+@pytest.fixture(scope="module")
+def ramp(small_params):
+    return published(Simulator(replace(small_params, world="ramp")), "camera", "sphere", "odom").sent
+
+
+def test_image_calibration_sphere_and_frames_belong_together(ramp):
+    (image,), (info,), (sphere,) = ramp["image_raw"], ramp["camera_info"], ramp["sphere"]
     assert (
         image_to_array(image).shape[:2] == (camera_from_info(info).height, camera_from_info(info).width) == (120, 160)
     )
     assert (stamp_ns(image), info.header.frame_id) == (stamp_ns(info), image.header.frame_id)
-    names = {t.child_frame_id: t.header.frame_id for t in sent["/tf_static"][0].transforms}
-    assert names == dict.fromkeys(("camera_optical", "sphere_link"), "base_link")
+    transforms = [*ramp["/tf_static"][0].transforms, *ramp["/tf"][0].transforms]
+    names = {t.child_frame_id: t.header.frame_id for t in transforms}
+    assert names == {"camera_optical": "base_link", "sphere_link": "base_link", "base_link": "odom"}
     seen = message_to_sphere(sphere)
     assert seen.image.shape == (64, 128, 3)
     assert np.isinf(seen.range_m).any()  # the sky
