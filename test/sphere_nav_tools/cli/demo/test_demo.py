@@ -61,6 +61,7 @@ def test_a_new_demo_keeps_the_last_result(tmp_path):
     assert not any((tmp_path / "demo").iterdir())
 
 
+@pytest.mark.slow
 def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
     assert "condition" not in demo.simulation
