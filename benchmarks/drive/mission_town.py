@@ -76,7 +76,7 @@ class Town:
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        self.network = tour_network()
+        self.network = self._network()
         self.length = sum(edge.length for edge in self.network.edges.values())
         write_network(folder / "city.geojson", self.network)
         self.bus = OfflineBus(start_ns=1_000_000_000)
@@ -97,8 +97,11 @@ class Town:
         self.next_walker = 0.0
         curves = [edge.curve for edge in self.network.edges.values()]
         points = [pose for curve in curves for pose in zip(curve.x, curve.y, curve.yaw, strict=True)]
-        self.points = np.array(points)
+        self.points = np.array([self.placed(Pose2(*pose)) for pose in points])
         self.tree = cKDTree(features(*self.points.T))
+
+    def _network(self) -> Network:
+        return tour_network()
 
     def _spot(self, place: str) -> tuple[int, Pose2]:
         node = self.network.nodes[self.network.places[place]]
@@ -137,6 +140,10 @@ class Town:
         self.follower.loop.ask("stop")
         self.here = "church"
         self.put(self._spot(self.here)[1])
+
+    def placed(self, pose: Pose2) -> Pose2:
+        """Return where a pose of the network truly is."""
+        return pose
 
     def put(self, pose: Pose2) -> None:
         """Put the car down, and let the nodes see it there."""
