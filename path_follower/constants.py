@@ -49,7 +49,7 @@ SWEEP_STEP = 0.2  # m between the footprints that are checked: half the smallest
 ACROSS = 7  # places across the way that beams must have measured: 0.25 m apart; test_obstacles
 MIN_MEASURED = 0.5  # share of these places, and of the beams that lately measured; test_intake
 MIN_POINTS = 2  # points of a scan that make an obstacle: a single one is noise; test_safety
-MAX_CLOCK_PAUSE = 10.0  # s of wall time that /clock may stand without a publisher; test_path_follower
+MAX_CLOCK_PAUSE = 10.0  # s of wall time that /clock may stand without a publisher; test_control
 STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on; test_stops
 
 # Motion consistency (docs/notes/motion_consistency.md: chosen on drives of seeds 0 to 9); test_consistency

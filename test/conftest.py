@@ -10,9 +10,10 @@ os.environ["OPENBLAS_NUM_THREADS"] = os.environ.get("OPENBLAS_NUM_THREADS", "1")
 import faulthandler
 import gc
 import signal
+import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,22 @@ def visible() -> set[str]:
 def rng() -> np.random.Generator:
     """Seeded random numbers."""
     return np.random.default_rng(20150722)
+
+
+@pytest.fixture
+def spawn() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start processes whose standard error is read; those that still run are ended."""
+    running: list[subprocess.Popen[str]] = []
+
+    def begin(command: list[str], **pipes: int) -> subprocess.Popen[str]:
+        running.append(subprocess.Popen(command, text=True, **({"stderr": subprocess.PIPE} | pipes)))
+        return running[-1]
+
+    yield begin
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=600.0)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.ros.conversions import cloud_to_message
-from worlds.mcl import SECOND, Bench, Eye, drive, room_points
+from worlds.mcl import SECOND, Bench, Eye, room_points
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +29,3 @@ def test_a_cloud_by_topic_without_coordinates_or_with_a_point_far_outside_is_ref
         bench.send("/cloud", sent)
         assert bench.node.clouds.geometry is None
         assert said in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
-
-
-@pytest.mark.slow
-def test_odometry_that_stops_degrades_and_is_named(eye, tmp_path):
-    np.save(tmp_path / "room.npy", room_points())
-    bench, poses = Bench(eye, tmp_path / "room.npy"), drive()
-    assert bench.follow_from(poses[:10])[-1]["/status"].state == "TRACKING"
-    for pose in poses[10:]:
-        said = bench.see(pose, has_odometry=False)
-        assert (said["/status"].state, said["/status"].reason) == ("DEGRADED", "ODOM_STALE")

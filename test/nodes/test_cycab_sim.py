@@ -1,187 +1,20 @@
-"""The node cycab_sim over real DDS: lock-step with commands, outputs that belong together, services, a clean end."""
+"""The node cycab_sim on a bus: services, refused commands, and time that passes while it is active."""
 
 import math
-import signal
-import subprocess
-import sys
 import time
-from collections import defaultdict
 
-import numpy as np
 import pytest
-import rclpy
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped, Vector3
-from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, Imu, LaserScan
-from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
+from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
-from std_msgs.msg import Header
-from tf2_msgs.msg import TFMessage
 
 from cycab_sim.ros.node import CycabSim
 from cycab_sim.runner import PAUSE
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
-from sphere_nav.ros import conversions, qos
+from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
-from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns
 from worlds.patience import Patience
-
-START_LIMIT = 120.0  # s; kernels may have to be compiled first
-SMALL = {
-    "seed": 5,
-    "world": "ramp",
-    "camera.size": "160,120",
-    "sphere.width": 128,
-    "capture.when": "always",
-    "render.shadow_texel": 0.5,
-    "clock.max_wait": 30.0,
-    "imu.is_on": True,
-    "scan.is_on": True,
-}
-TOPICS = {
-    "image_raw": (Image, qos.LARGE),
-    "camera_info": (CameraInfo, qos.STATE),
-    "sphere": (AugmentedSphere, qos.LARGE),
-    "odom": (Odometry, qos.STATE),
-    "ground_truth/odometry": (Odometry, qos.STATE),
-    "imu": (Imu, qos.STATE),
-    "scan": (LaserScan, qos.STATE),
-    "/tf_static": (TFMessage, qos.TF_STATIC),
-    "/clock": (Clock, qos.STATE),
-    "/diagnostics": (DiagnosticArray, qos.STATE),
-}
-
-
-class Driver:
-    """Answers every image with a command, and keeps everything that was published."""
-
-    def __init__(self, context):
-        self.node = rclpy.create_node("driver", context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.heard = defaultdict(list)
-        self.is_answering = True
-        self.commands = self.node.create_publisher(TwistStamped, "cmd_vel", qos.COMMAND)
-        for topic, (kind, profile) in TOPICS.items():
-            self.node.create_subscription(kind, topic, self.keeper(topic), profile)
-
-    def keeper(self, topic):
-        def keep(message):
-            self.heard[topic].append(message)
-            if topic == "image_raw" and self.is_answering:
-                self.command(message.header)
-
-        return keep
-
-    def command(self, header, speed=1.0):
-        message = TwistStamped(header=header)
-        message.twist.linear.x = speed
-        self.commands.publish(message)
-
-    def stand(self):
-        """Leave an image unanswered, so that time stands and no command is under way; return the number of images."""
-        self.is_answering = False
-        count = len(self.heard["image_raw"])
-        assert self.spin_until(lambda: len(self.heard["image_raw"]) > count, 60.0)
-        self.spin_until(lambda: False, 0.5)
-        return len(self.heard["image_raw"])
-
-    def go_on(self):
-        """Answer again, from the last image on."""
-        self.is_answering = True
-        self.command(self.heard["image_raw"][-1].header)
-
-    def num_refused(self):
-        """Return how many commands the simulator has refused, by its newest diagnostics."""
-        told = [status for array in self.heard["/diagnostics"] for status in array.status]
-        told = [status for status in told if status.name == "cycab_sim: input cmd_vel"]
-        return int({item.key: item.value for item in told[-1].values}["refused"]) if told else 0
-
-    def spin_until(self, condition, seconds):
-        patience = Patience(seconds)
-        while not condition() and patience.is_left():
-            self.executor.spin_once(timeout_sec=0.05)
-        return condition()
-
-
-@pytest.fixture(scope="module")
-def process():
-    arguments = [item for name, value in SMALL.items() for item in ("-p", f"{name}:={value}")]
-    command = [sys.executable, "-c", "from cycab_sim.ros.node import main; raise SystemExit(main())", "--ros-args"]
-    with subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True) as running:
-        yield running
-        if running.poll() is None:
-            running.kill()
-
-
-@pytest.fixture(scope="module")
-def driver(process):
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    driver = Driver(context)
-    assert driver.spin_until(lambda: driver.heard["image_raw"], START_LIMIT), "no image came"
-    yield driver
-    driver.executor.shutdown()
-    driver.node.destroy_node()  # else it is seen, as one who commands, by the tests that follow
-    rclpy.shutdown(context=context)
-
-
-@pytest.mark.dds
-def test_time_passes_with_the_commands_only(driver, process):
-    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) >= 15, 60.0)
-    before = driver.stand()
-    driver.spin_until(lambda: False, 0.7)
-    assert len(driver.heard["image_raw"]) == before  # no command, no time
-    driver.go_on()
-    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > before + 3, 60.0)
-    stamps = np.array([stamp_ns(message) for message in driver.heard["image_raw"]])
-    assert set(np.diff(stamps)) == {100_000_000}
-
-
-@pytest.mark.dds
-def test_image_calibration_and_frames_belong_together(driver):
-    driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 60.0)
-    image = driver.heard["image_raw"][-1]  # of the first ones the other topic may not yet have been found
-
-    def its_info():
-        return next((info for info in driver.heard["camera_info"] if stamp_ns(info) == stamp_ns(image)), None)
-
-    assert driver.spin_until(lambda: its_info() is not None, 60.0)
-    info = its_info()
-    camera = camera_from_info(info)
-    assert image_to_array(image).shape == (camera.height, camera.width) == (120, 160)
-    assert info.header.frame_id == image.header.frame_id
-    names = {t.child_frame_id: t.header.frame_id for t in driver.heard["/tf_static"][0].transforms}
-    assert names == dict.fromkeys(("camera_optical", "sphere_link", "imu_link", "scan_link"), "base_link")
-    sphere = message_to_sphere(driver.heard["sphere"][0])
-    assert sphere.image.shape == (64, 128, 3)
-    assert np.isinf(sphere.range_m).any()  # the sky
-    assert not np.isnan(sphere.range_m).any()
-
-
-@pytest.mark.dds
-def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
-    count = driver.stand()
-    foreign = Header(stamp=Time(sec=1_700_000_000))
-    for header, speed in ((foreign, 1.0), (driver.heard["image_raw"][-1].header, math.nan)):
-        before = driver.num_refused()
-        driver.command(header, speed)
-        assert driver.spin_until(lambda before=before: driver.num_refused() > before, 60.0)
-    assert len(driver.heard["image_raw"]) == count  # neither lets time pass
-    driver.go_on()
-    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 60.0)  # and the drive goes on
-
-
-@pytest.mark.dds
-def test_a_simulator_ends_in_order(driver, process):
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=120.0) == 0
-    assert "Traceback" not in process.stderr.read()
 
 
 def offline(**values):
@@ -192,6 +25,14 @@ def offline(**values):
     node = CycabSim(OfflineShell(bus, "cycab_sim", given, {}))
     node.configure()
     return node, bus
+
+
+def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused():
+    node, _ = offline(camera__period=0.0)
+    for stamp, speed in ((1_700_000_000 * 10**9, 1.0), (node.simulator.time_ns, math.nan)):
+        message = TwistStamped(header=conversions.header(stamp, "base_link"), twist=Twist(linear=Vector3(x=speed)))
+        with pytest.raises(ValueError, match="expected"):
+            node.on_command(message)
 
 
 def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():

@@ -27,18 +27,6 @@ def error(answer, truth):
 
 
 @pytest.mark.slow
-def test_a_room_searched_from_nowhere_withholds_the_pose_until_it_is_proven_and_says_why(eye, cloud):
-    bench, poses = Bench(eye, cloud), drive()
-    answers = bench.follow(poses)
-    early = [answer for answer in answers if answer["/status"].p_chance >= 1e-3][:6]
-    assert [(answer["/status"].state, "/pose" in answer) for answer in early] == [("SEARCHING", False)] * 6
-    assert "no place is proven" in early[-1]["/status"].remedy
-    assert answers[-1]["/status"].state == "TRACKING"
-    for answer, pose in zip(answers, poses, strict=True):
-        assert "/pose" not in answer or error(answer, pose)[0] < NEAR_M
-
-
-@pytest.mark.slow
 def test_a_base_is_found_in_a_cloud_and_viewers_get_places_curve_particles_and_depth(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()

@@ -1,35 +1,24 @@
-"""The node path_follower: every pose answered, stops, calls and refusals on an offline bus; a drive over real DDS."""
+"""The node path_follower: every pose answered, stops, calls and refusals on an offline bus."""
 
 import math
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
-from rosgraph_msgs.msg import Clock
-from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 from sphere_nav_msgs.srv import LoadTrajectory
-from std_srvs.srv import Trigger
 
 from path_follower.params import PathFollowerParams
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.params import build
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
-    ns_to_time,
     poses_to_path,
     se3_to_odometry,
     se3_to_pose_with_covariance,
     stamp_ns,
     status_to_message,
 )
-from worlds.patience import Patience
 
 SECOND = 1_000_000_000
 STEP = SECOND // 20
@@ -209,87 +198,3 @@ def test_cruise_speed_and_limits_change_while_driving(bench):
     bench.y += 0.2  # a correction that is no jump
     said = bench.step()
     assert bench.last(said, "/path_follower/status").reason == "OFF_PATH"
-
-
-# --- over DDS
-@pytest.fixture
-def process(tmp_path):
-    (tmp_path / "path.csv").write_text("0,0\n1,0\n2,0\n3,0\n")
-    code = "import sys; from path_follower.ros.node import main; sys.exit(main())"
-    arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", "use_sim_time:=true"]
-    arguments += ["-p", f"trajectory:={tmp_path / 'path.csv'}"]
-    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
-    yield child
-    child.kill()
-    child.wait(120.0)
-
-
-class Remote:
-    """The simulator's side of the lock-step: an image, then time stands until its command has come."""
-
-    def __init__(self, node):
-        self.node, self.now, self.x = node, SECOND, 0.0
-        self.commands, self.statuses = [], []
-        node.create_subscription(TwistStamped, "cmd_vel", self.commands.append, qos.DEEP)  # each answer, as a simulator
-        node.create_subscription(FollowerStatus, "path_follower/status", self.statuses.append, qos.STATE)
-        self.clock = node.create_publisher(Clock, "/clock", qos.STATE)
-        self.poses = node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
-        self.states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
-        self.start = node.create_client(Trigger, "path_follower/start")
-
-    def wait(self, is_done, seconds=60.0):
-        patience = Patience(seconds)
-        while not is_done() and patience.is_left():
-            rclpy.spin_once(self.node, timeout_sec=0.02)
-        assert is_done(), "expected an answer in time"
-
-    def greet(self):
-        """Speak until the first command comes: what is sent before the node knows the sender is lost."""
-        patience = Patience(60.0)
-        while not self.commands and patience.is_left():
-            self.speak()
-            rclpy.spin_once(self.node, timeout_sec=0.5)
-
-    def speak(self):
-        self.now += STEP
-        self.clock.publish(Clock(clock=ns_to_time(self.now)))
-        self.states.publish(status_message("TRACKING", self.now))
-        self.poses.publish(pose_message(self.x, 0.0, 0.0, self.now))
-
-    def step(self):
-        self.speak()
-        self.wait(lambda: self.commands and stamp_ns(self.commands[-1]) >= self.now)
-        self.x += self.commands[-1].twist.linear.x * STEP / SECOND
-
-
-@pytest.mark.dds
-def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
-    rclpy.init()
-    node = rclpy.create_node("bench")
-    try:
-        remote = Remote(node)
-        publishers = (remote.clock, remote.poses, remote.states)
-        remote.wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
-        remote.wait(lambda: node.count_publishers("cmd_vel") and remote.start.service_is_ready())
-        remote.greet()
-        for _ in range(5):  # pose and status come by topics of their own, in any order
-            remote.step()
-        answer = remote.start.call_async(Trigger.Request())
-        remote.wait(answer.done)
-        assert answer.result().success, answer.result().message
-        for _ in range(30):
-            remote.step()
-        assert remote.commands[-1].twist.linear.x > 0.2
-        remote.wait(lambda: remote.commands[-1].twist.linear.x == 0.0, 5.0)  # the clock stands: zero by the wall
-        remote.wait(lambda: "CLOCK_STOPPED" in (remote.statuses[-1].state, remote.statuses[-1].reason))
-        for _ in range(170):  # it goes on, and with it a vehicle that stood as long
-            remote.step()
-            if remote.statuses[-1].state == "FINISHED":
-                break
-        remote.wait(lambda: remote.statuses[-1].state == "FINISHED")
-        assert remote.x == pytest.approx(3.0, abs=0.06)  # the tolerance of the goal
-        process.send_signal(signal.SIGINT)
-        assert process.wait(120.0) == 0  # promised are 2 s, on an idle machine
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()

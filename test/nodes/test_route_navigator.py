@@ -1,15 +1,11 @@
-"""The node route_navigator with the node path_follower: missions on an offline bus, and one over real DDS."""
+"""The node route_navigator with the node path_follower: missions on an offline bus."""
 
 import json
 import math
 
 import numpy as np
 import pytest
-import rclpy
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
-from rclpy.action import ActionClient
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from geometry_msgs.msg import Twist
 from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import CloseEdge, PlanRoute
@@ -23,13 +19,9 @@ from path_follower.routes.network_file import write_network
 from path_follower.vehicle import Motion, drive
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_pose_stamped, se3_to_pose_with_covariance, status_to_message
-from sphere_nav.ros.executor import GuardedExecutor
-from sphere_nav.ros.live import LiveShell
 from worlds.curves import even_curve
-from worlds.patience import Patience
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 COVARIANCE = 1e-4 * np.eye(6)
@@ -178,76 +170,3 @@ def test_a_vehicle_does_not_drive_in_another_map_than_that_of_the_network(trip):
 def test_without_a_network_it_does_not_start(tmp_path):
     with pytest.raises(ValueError, match="network: expected a map with routes"):
         OfflineBus().add(RouteNavigator, {"state": str(tmp_path)})
-
-
-class Car(Node):
-    """A car that obeys Twist, and a localiser that knows where it is."""
-
-    def __init__(self):
-        super().__init__("car")
-        self.pose, self.command = Pose2(1.0, 0.0, 0.0), Twist()
-        self.create_subscription(Twist, "cmd_vel", self.obey, qos.COMMAND)
-        self.poses = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
-        self.status = self.create_publisher(LocalizationStatus, "status", 10)
-        self.create_timer(0.1, self.tick)
-
-    def obey(self, message):
-        self.command = message
-
-    def tick(self):
-        speed, turn = self.command.linear.x, self.command.angular.z
-        self.pose = drive(self.pose, Motion(speed, math.atan(1.2 * turn / speed) if speed else 0.0), 1.2, 0.1)
-        now = self.get_clock().now().nanoseconds
-        self.status.publish(status_to_message(Status(State.TRACKING), now, "map"))
-        self.poses.publish(se3_to_pose_with_covariance(SE3.from_planar(*self.pose), COVARIANCE, now, "map"))
-
-
-@pytest.mark.slow
-def test_a_goal_over_dds(folder):
-    """Accepted, driven, canceled while under way: the client hears all of it, and the vehicle stands."""
-    rclpy.init()
-    values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
-    overrides = [Parameter(name, value=value) for name, value in values.items()]
-    shells = [LiveShell(PathFollowerNode), LiveShell(RouteNavigator, parameter_overrides=overrides)]
-    car = Car()
-    executor = GuardedExecutor(shells[1].failures)
-    for node in (*shells, car):
-        executor.add_node(node)
-
-    def until(condition):
-        patience = Patience(30.0)
-        while not condition():
-            assert patience.is_left(), shells[1].node.mission.reason
-            executor.spin_once(timeout_sec=0.05)
-
-    try:
-        assert all(shell.start() for shell in shells)
-        client, heard = ActionClient(car, Navigate, "navigate"), []
-        until(client.server_is_ready)
-        refused = client.send_goal_async(Navigate.Goal(place="moon"))
-        until(refused.done)
-        assert not refused.result().accepted
-        sent = client.send_goal_async(
-            Navigate.Goal(place="end", pose=PoseStamped()), lambda m: heard.append(m.feedback)
-        )
-        until(sent.done)
-        assert sent.result().accepted
-        until(lambda: car.pose.x > 2.0 and heard and heard[-1].state == "DRIVING")
-        assert 0.0 < heard[-1].distance_remaining < 34.0
-        canceled = sent.result().cancel_goal_async()
-        until(canceled.done)
-        result = sent.result().get_result_async()
-        until(result.done)
-        assert result.result().result.reason == "canceled"
-        assert result.result().result.distance == pytest.approx(car.pose.x - 1.0, abs=0.5)
-        assert car.command.linear.x == 0.0
-        assert shells[1].failures.num_failed == 0
-        client.destroy()
-    finally:
-        for shell in shells:
-            shell.stop()
-        for node in (*shells, car):
-            executor.remove_node(node)
-            node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()

@@ -21,7 +21,7 @@ from sphere_nav.ros.conversions import (
     transform_to_se3,
 )
 from sphere_nav.ros.maps.reader import open_map
-from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
+from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, stamp
 
 T_ROOM_MAP = FIRST @ T_BASE_CAMERA.inverse()  # where the vehicle was when the drive began; it stood level
 
@@ -60,26 +60,6 @@ class Bench:
         answer = self.node.endpoints.call(name, request)
         self.settle()
         return answer
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "source", "tolerance"),
-    # ideal range: some millimetres; stereo of so small images in a room of 8 m: some centimetres
-    [("rgbd", rgbd, 0.005), ("sphere", sphere, 0.005), ("stereo", stereo, 0.05)],
-)
-def test_a_vehicle_that_maps_is_told_where_it_is(kind, source, tolerance):
-    bench = Bench(input=kind)
-    bench.drive(source, range(5))
-    odometry = bench.said["/odometry"]
-    assert len(odometry) == 5
-    for number, message in enumerate(odometry):
-        assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
-        truth = T_ROOM_MAP.inverse() @ pose(number) @ T_BASE_CAMERA.inverse()  # the map is where the vehicle began
-        assert odometry_to_se3(message)[0].distance(truth)[0] < tolerance
-    transform = bench.said["/tf"][-1].transforms[0]
-    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
-    assert transform_to_se3(transform.transform).distance(odometry_to_se3(odometry[-1])[0])[0] < 1e-6
 
 
 def test_graph_cloud_markers_and_path_are_told():
@@ -180,6 +160,9 @@ def test_however_the_camera_is_mounted_the_vehicle_drives_the_same_path(mounting
     assert told[0].distance(SE3.identity()) == pytest.approx((0.0, 0.0), abs=1e-9)
     errors = np.array([at.distance(path(number)) for at, number in zip(told, [0, 2, 4], strict=True)])
     assert np.all(errors.max(axis=0) < (0.004, np.radians(0.1)))
+    (moved,) = bench.said["/tf"][-1].transforms
+    assert (moved.header.frame_id, moved.child_frame_id) == ("map", "base_link")
+    assert transform_to_se3(moved.transform).distance(told[-1])[0] < 1e-6
     up = bench.node.mapper.graph[0].T_map_sphere.rotation[2, 2]  # its spheres are upright, whatever the camera is
     assert up == pytest.approx(1.0, abs=1e-9)
 

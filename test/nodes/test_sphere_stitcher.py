@@ -1,27 +1,19 @@
-"""The node sphere_stitcher: six cameras in, spheres out; late, missing and frozen cameras, depth, LiDAR; over DDS."""
+"""The node sphere_stitcher: six cameras in, spheres out; late, missing and frozen cameras, depth, LiDAR."""
 
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-import rclpy
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from sphere_nav_msgs.msg import AugmentedSphere
+from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.rig_file import read_rig, write_rig
-from sphere_nav.ros import qos
+from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
-from worlds.patience import Patience
 from worlds.rig import RADIUS, seen, truth, vertical_rig
 
 MS = 1_000_000
@@ -172,50 +164,3 @@ def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
     assert sphere.measured.mean() > 0.9
     # of nine pixels that a point covers the nearest counts: the angle of a pixel and a half, 0.04 rad
     assert np.median(np.abs(sphere.range_m / range_m - 1)[sphere.measured]) < 0.005
-
-
-def share(message):
-    """Return the share of a sphere that shows anything."""
-    return np.mean(message_to_sphere(message).image > 0)
-
-
-@pytest.mark.dds
-def test_six_cameras_over_dds(rig_path):
-    """A process of its own: images go in, a sphere with the right content comes out, SIGINT ends it in order."""
-    code = "import sys; from sphere_mapping.acquisition.ros.node import main; sys.exit(main())"
-    settings = [f"-p{name}:={value}" for name, value in (SMALL | {"rig": rig_path}).items()]
-    words = [sys.executable, "-c", code, "--ros-args", *(part for s in settings for part in ("-p", s[2:]))]
-    process = subprocess.Popen(words)
-    rclpy.init()
-    try:
-        node = rclpy.create_node("tester")
-        spheres = []
-        node.create_subscription(AugmentedSphere, "sphere", spheres.append, qos.LARGE)
-        outputs = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in RIG.names}
-        patience, number = Patience(120), 0  # the first run compiles the kernels
-        while patience.is_left() and not all(output.get_subscription_count() for output in outputs.values()):
-            time.sleep(0.05)  # the first instant has all cameras
-        while patience.is_left() and not spheres:
-            number += 1
-            for name, image in IMAGES[number % 5].items():
-                outputs[name].publish(array_to_image(image, (1000 + 100 * number) * MS, name, "mono8"))
-            rclpy.spin_once(node, timeout_sec=0.1)
-        assert spheres, "no sphere within two minutes"
-        sphere = message_to_sphere(spheres[0])
-        stamp = round((sphere.stamp_ns / MS - 1000) / 100)
-        bench = OfflineBus().add(SphereStitcher, SMALL | {"rig": rig_path})
-        check_content(bench, sphere, 0.02 * (stamp % 5))
-        assert read_rig(rig_path).names == RIG.names
-        is_whole, patience = np.mean(sphere.image > 0), Patience(60)  # one camera is gone: spheres go on without it
-        spheres.clear()
-        while patience.is_left() and not any(is_whole - share(found) > 0.05 for found in spheres):
-            number += 1
-            for name, image in list(IMAGES[number % 5].items())[1:]:
-                outputs[name].publish(array_to_image(image, (1000 + 100 * number) * MS, name, "mono8"))
-            rclpy.spin_once(node, timeout_sec=0.1)
-        assert is_whole - share(spheres[-1]) > 0.05
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120.0) == 0
-    finally:
-        process.kill()
-        rclpy.try_shutdown()

@@ -209,15 +209,6 @@ def test_a_stop_right_after_a_goal_holds(make, after, is_replaced):
     assert vehicle.navigator.mission.state == "HELD"
 
 
-def test_a_mission_that_is_canceled_leaves_no_path_that_a_start_would_drive(make):
-    vehicle = make()
-    drive_off(vehicle, "mission")
-    vehicle.ask(vehicle.follower, "stop")
-    vehicle.cancel()
-    vehicle.live(4.0)
-    assert vehicle.ask(vehicle.follower, "start").message == "no path is loaded"
-
-
 class AnythingMayHappen(RuleBasedStateMachine):
     """Each rule is an event, and a time after it."""
 

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from tf2_msgs.msg import TFMessage
 
-from cycab_sim.params import SimParams
-from cycab_sim.ros.outputs import Outputs
-from cycab_sim.simulator import Simulator
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.node import PathFollowerNode
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry import SE3
-from sphere_nav.params import build
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav.ros.conversions import (
@@ -27,7 +23,6 @@ from sphere_nav.ros.conversions import (
     se3_to_transform,
 )
 from sphere_nav.ros.maps.reader import save_map
-from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.mcl import SETTINGS, T_BASE_EYE, T_ODOM_MAP, Eye, room_points
@@ -39,19 +34,6 @@ START_NS, OPTICAL, ROOM = 1_000_000_000, "camera_optical", wide_room()
 NODES = {"dense_localizer": DenseLocalizerNode, "path_follower": PathFollowerNode, "command_guard": CommandGuard}
 NODES |= {"sphere_mapper": SphereMapper, "mcl_depth": MclDepthNode}
 SMALL = {"dense_localizer": SMALL_IMAGES, "mcl_depth": SETTINGS}
-
-
-class Simulated(ManagedNode):
-    """What cycab_sim says of its frames, without its images."""
-
-    NAME = "cycab_sim"
-
-    def configure(self):
-        self.outputs = Outputs(self.endpoints, Simulator(build(SimParams, {"world": "corridor", "imu.is_on": True})))
-
-    def say(self):
-        self.outputs.publish_statics()
-        self.outputs.publish("odom")
 
 
 def start(name, namespace="", **given):
@@ -139,10 +121,3 @@ def test_a_map_in_the_making():
     for topic, message in [("tf_static", mount()), *(pair for number in range(4) for pair in sphere(number))]:
         said += send(bus, f"/{topic}", message)
     check(edges(said), "map", "sphere_link", "base_link")
-
-
-def test_a_simulated_base_carries_its_sensors():
-    bus = OfflineBus()
-    node = bus.add(Simulated)
-    node.say()
-    check(edges(list(bus.settle())), "odom", "base_link", "imu_link")

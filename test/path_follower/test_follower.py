@@ -49,15 +49,6 @@ def test_a_course_is_driven_to_its_end(kit, pieces, bound):
 
 
 @pytest.mark.slow
-def test_two_turns_at_walking_speed_without_the_peaks_of_m15(kit, two_turns):
-    drive = kit.follow(two_turns)
-    assert_arrived(drive)
-    assert drive.rmse < 0.005
-    assert drive.worst < 0.01
-    assert max(command.speed for command in drive.commands) == pytest.approx(1.4, abs=1e-3)  # e_x of a polygon
-
-
-@pytest.mark.slow
 def test_steered_rear_wheels_drive_the_same_curves_and_narrower_ones(kit):
     car = VehicleParams(rear_steering=0.8)  # as the Cycab: 1.2 m steer as 0.67 m
     assert VehicleParams().max_curvature < 0.5 < car.max_curvature
@@ -85,14 +76,6 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
     assert_arrived(drive)
     assert drive.rmse < rmse
     assert drive.worst < worst
-
-
-@pytest.mark.slow
-def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
-    world = kit.World(speed_lag=0.8, latency=0.1)
-    drive = kit.follow(two_turns, world, is_speed_known=True)
-    assert_arrived(drive)
-    assert drive.worst < 0.02
 
 
 @pytest.mark.slow

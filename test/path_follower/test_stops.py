@@ -9,7 +9,6 @@ import pytest
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams, VehicleParams
-from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 from sphere_nav.localization.status import Verdict
 
@@ -31,14 +30,6 @@ def standing_after(drive):
 
 def after_fault(action):
     return lambda now, follower, car: action(now, follower, car) if now >= FAULT else None
-
-
-@pytest.mark.parametrize("state", ["LOST", "SEARCHING", "NO_MAP"])
-def test_a_lost_localizer_stops_within_half_a_second(kit, straight, state):
-    drive = kit.follow(straight, each=after_fault(lambda *_: state))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
-    assert standing_after(drive) <= 0.5
-    assert "start" in drive.final.remedy
 
 
 def test_a_stop_is_a_ramp_with_wheels_held(kit):
@@ -115,21 +106,6 @@ def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_a
         assert (command.speed, command.yaw_rate) == (0.0, 0.0)
     assert follower.start(now) == ""
     assert follower.location.arc_length == pytest.approx(progress, abs=0.6)
-
-
-@pytest.mark.parametrize(
-    ("pose", "refusal"),
-    [
-        (Pose2(5, 1.5, 0), "OFF_PATH: found 1.5, limit 1"),
-        (Pose2(5, 0, math.pi), "OFF_PATH: found 3.14, limit 1"),
-        (Pose2(-3, 0, 0), "OFF_PATH: found 3, limit 1"),
-    ],
-)
-def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straight, pose, refusal):
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    follower.update(pose, None, SECOND, "TRACKING")
-    assert follower.start(SECOND).startswith(refusal)
-    assert follower.mode.state is FollowerState.IDLE
 
 
 def test_an_operators_stop_is_gentle(kit, straight):

@@ -74,20 +74,14 @@ def test_localising_twice_gives_the_same_bits(chain):
 
 
 @pytest.fixture
-def processes():
-    """Start commands of this package; end those still running by their id."""
-    started = []
+def processes(spawn):
+    """Start commands of this package."""
 
     def start(code: str, *words: object) -> subprocess.Popen:
         line = [sys.executable, "-c", f"import sys; {code}", *map(str, words)]
-        started.append(subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
-        return started[-1]
+        return spawn(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
-    yield start
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=600.0)
+    return start
 
 
 def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:

@@ -10,7 +10,13 @@ from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.ros.conversions import camera_from_info, image_to_array, stamp_ns, transform_to_se3
+from sphere_nav.ros.conversions import (
+    camera_from_info,
+    image_to_array,
+    message_to_sphere,
+    stamp_ns,
+    transform_to_se3,
+)
 from sphere_nav.ros.conversions.driving import scan_to_points
 
 
@@ -55,6 +61,26 @@ def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_
         assert camera_from_info(info) == camera.camera
         T_rig_camera = places["rig_link"].inverse() @ places[image.header.frame_id]
         np.testing.assert_allclose(T_rig_camera.matrix, camera.T_rig_camera.matrix, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def ramp(small_params):
+    return published(Simulator(replace(small_params, world="ramp")), "camera", "sphere", "odom").sent
+
+
+def test_image_calibration_sphere_and_frames_belong_together(ramp):
+    (image,), (info,), (sphere,) = ramp["image_raw"], ramp["camera_info"], ramp["sphere"]
+    assert (
+        image_to_array(image).shape[:2] == (camera_from_info(info).height, camera_from_info(info).width) == (120, 160)
+    )
+    assert (stamp_ns(image), info.header.frame_id) == (stamp_ns(info), image.header.frame_id)
+    transforms = [*ramp["/tf_static"][0].transforms, *ramp["/tf"][0].transforms]
+    names = {t.child_frame_id: t.header.frame_id for t in transforms}
+    assert names == {"camera_optical": "base_link", "sphere_link": "base_link", "base_link": "odom"}
+    seen = message_to_sphere(sphere)
+    assert seen.image.shape == (64, 128, 3)
+    assert np.isinf(seen.range_m).any()  # the sky
+    assert not np.isnan(seen.range_m).any()
 
 
 def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):

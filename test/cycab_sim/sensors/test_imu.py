@@ -59,7 +59,6 @@ def test_on_the_ramp_gravity_and_orientation_show_the_pitch(small_params):
     assert reading.T_world_imu.rotation[2, 0] == pytest.approx(math.sin(slope), abs=1e-4)  # nose up
 
 
-@pytest.mark.slow
 def test_being_put_elsewhere_is_not_an_acceleration(small_params):
     simulator = make(small_params, NO_ERRORS)
     drive(simulator, 5, VehicleCommand(1.0))

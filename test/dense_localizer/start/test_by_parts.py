@@ -61,16 +61,3 @@ def test_what_is_cut_of_an_image_is_its_edges_or_those_of_its_contrast(monkeypat
         _cut(image, SE3.identity(), by_contrast=by_contrast)
     assert cut[0] == CAMERA
     assert cut[1].pixels_per_radian <= np.sqrt(2.0) * GRID.pixels_per_radian < cut[0].pixels_per_radian
-
-
-@pytest.mark.slow
-def test_noise_has_no_guess(references):
-    noise = np.random.default_rng(4).integers(0, 255, (240, 320), dtype=np.uint8)
-    image = RigImage(build_pyramid(noise, CAMERA, PARAMS.registration.pyramid))
-    guesses = PartsSearch(references, PARAMS.registration).propose(image, SE3.identity())
-    assert all(guess.score > 3 for guess in guesses)  # as many agree after any fit
-    search = PoseSearch(references, PARAMS)
-    found = search.find(
-        LocalizerInput(10**9, images=(image,)), lambda frame, guess: locate(frame.images, references, PARAMS, guess)
-    )
-    assert found.candidate is None

@@ -12,7 +12,7 @@ from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.range_support import RangeSupport, join
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.localization.status import FINE, Reason, State
+from sphere_nav.localization.status import FINE, Reason
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.range_alignment import DepthImage
 from worlds.localizer import PINHOLE, STEP_NS, at, drive, error, make_localizer
@@ -70,28 +70,6 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
 def night(image):
     """A torch that shows other patterns than the day's."""
     return np.random.default_rng(1).permuted(image, axis=1)
-
-
-@pytest.mark.slow
-def test_by_night_it_goes_on(run, room):
-    way = drive(18, speed=0.5)
-    for pose in way[:8]:
-        estimate = run.see(pose)
-    assert estimate.status.state == State.TRACKING
-    by_images = error(estimate, way[7])[0]
-    states, errors, sigmas = [], [], []
-    for k, pose in enumerate(way[8:]):
-        estimate = run.see(pose, BLACK if k % 2 else night(room.photograph(PINHOLE, pose)))
-        states.append(estimate.status.state)
-        errors.append(error(estimate, pose))
-        sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
-    assert set(states) == {State.TRACKING}
-    meters, radians = np.array(errors).T
-    assert by_images < np.median(meters) < 0.01
-    assert np.median(radians) < np.radians(0.3)
-    assert np.all(meters < 3.0 * np.array(sigmas))
-    assert estimate.candidate.is_by_range
-    assert run.see(way[-1]).candidate.is_by_range is False  # light again
 
 
 @pytest.mark.slow

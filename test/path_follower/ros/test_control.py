@@ -23,6 +23,7 @@ from sphere_nav.ros.conversions.driving import follower_status_to_message
 
 # Written out: imported, a change would go unseen.
 CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK = 10_000_000_000, 50_000_000, 0.12, 0.025
+MAX_CLOCK_PAUSE = 10.0  # s
 
 SECOND = 1_000_000_000
 
@@ -114,6 +115,32 @@ def test_an_emergency_stop_does_not_wait_for_the_looks_that_a_leap_of_the_clock_
     assert reasons[:4] == [""] * 4
     assert set(reasons[4:]) == {StopReason.EMERGENCY_STOP}
     assert set(looks) == {"emergency_stop"}
+
+
+def test_while_the_clock_stands_the_command_goes_to_zero_and_without_a_publisher_the_permission_ends(
+    bus, loop, monkeypatch
+):
+    assert loop.ask("start") == ""
+    for k in range(1, 21):
+        list(bus.advance(SECOND + k * SECOND // 20))
+        loop.follower.update(Pose2(0.0, 0.0, 0.0), None, SECOND + k * SECOND // 20, "TRACKING")
+    assert loop.follower.limiter.last.speed > 0.3
+    loop.heard_ns = loop.times.now()
+    clock, steady, publishers = loop.endpoints.now_ns(), loop.endpoints.steady_ns(), ["/cycab_sim"]
+    monkeypatch.setattr(loop.endpoints, "publishers_of", lambda topic: publishers if topic == "/clock" else [])
+
+    def look(seconds):
+        for k in range(1, round(40 * seconds) + 1):
+            monkeypatch.setattr(loop.endpoints, "steady_ns", lambda k=k: steady + k * SECOND // 40)
+            loop.on_tick()
+        return {item.topic: item.message for item in bus.settle()}
+
+    said = look(4.0)
+    assert (said["/cmd_vel"].linear.x, said["/path_follower/status"].reason) == (0.0, "CLOCK_STOPPED")
+    assert (loop.endpoints.now_ns(), loop.follower.mode.is_armed) == (clock, True)
+    steady, publishers = loop.endpoints.steady_ns(), []
+    look(2 * MAX_CLOCK_PAUSE)
+    assert not loop.follower.mode.is_armed
 
 
 def test_a_late_cycle_is_told_for_ten_seconds():

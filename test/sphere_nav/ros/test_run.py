@@ -54,22 +54,15 @@ sys.exit(run(Napper))
 
 
 @pytest.fixture
-def start(tmp_path):
+def start(tmp_path, spawn):
     (tmp_path / "napper.py").write_text(NODE)
-    processes = []
 
     def begin(*values, enclave=""):
         words = [word for value in values for word in ("-p", value)] + ["--enclave", enclave] * bool(enclave)
         command = [sys.executable, str(tmp_path / "napper.py"), *(["--ros-args", *words] if words else [])]
-        process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        processes.append(process)
-        return process
+        return spawn(command, stdout=subprocess.PIPE)
 
-    yield begin
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=120.0)
+    return begin
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT])

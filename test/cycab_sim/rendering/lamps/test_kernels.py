@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from cycab_sim.rendering.lamps.kernels import collect_lit
 
@@ -13,7 +12,6 @@ def lit_by(points, normals, reach=np.inf):
     return some[:count].tolist(), distances[:count], lux[:count]
 
 
-@pytest.mark.slow
 def test_a_lamp_lights_what_looks_at_it_within_its_cone_and_reach():
     back = [[-1.0, 0.0, 0.0]] * 6
     points = [[2.0, 0, 0], [4.0, 0, 0], [-2.0, 0, 0], [1.0, 5.0, 0], [2.0, 0, 0], [30.0, 0, 0]]

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import (
     RgbdView,
@@ -93,25 +92,6 @@ def test_depth_from_a_camera_beside_the_color_camera_is_moved_to_it():
     _, range_m = truth_in(sphere, AT)
     assert sphere.measured.mean() > 0.6  # the depth camera sees less than the colour camera
     assert np.percentile(np.abs(sphere.range_m / range_m - 1)[sphere.measured], 99) < 2e-3
-
-
-@pytest.mark.slow
-def test_a_ring_of_cameras_is_one_sphere_without_a_seam():
-    views = []
-    for k in range(6):
-        T_sphere_camera = (
-            SE3.from_planar(0, 0, 2 * np.pi * k / 6) @ SE3.from_parts(np.eye(3), [0.05, 0, 0]) @ T_BODY_OPTICAL
-        )
-        views.append(RgbdView(*ROOM.rgbd(PINHOLE, AT @ T_sphere_camera), PINHOLE, T_sphere_camera))
-    sphere = sphere_from_views(views)
-    assert sphere.camera.is_whole
-    gray, range_m = truth_in(sphere, AT)
-    band = slice(int(0.4 * sphere.camera.height), int(0.6 * sphere.camera.height))
-    assert sphere.is_seen[band].all()
-    assert sphere.measured[band].mean() > 0.99
-    error = np.abs(sphere.range_m / range_m - 1)[band]
-    assert np.nanpercentile(error, 99) < 3e-3
-    assert np.abs(sphere.gray - gray)[band].max() < 8.0
 
 
 def test_a_finer_camera_is_averaged_not_aliased():

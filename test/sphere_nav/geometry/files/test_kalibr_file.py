@@ -7,7 +7,6 @@ import yaml
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.kalibr_file import join_chains, read_kalibr
-from worlds.foreign import read_foreign
 
 CAMERAS = (
     Pinhole(752, 480, 458.654, 457.296, 367.215, 248.375, (-0.283, 0.0739, 1.9e-4, 1.7e-05)),
@@ -54,18 +53,6 @@ def test_what_kalibr_writes_is_read(path):
         for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
             expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
             np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
-
-
-def test_the_second_camera_of_a_stereo_pair_is_on_the_right(path):
-    values = camchain(with_imu=False)
-    del values["cam2"], values["cam3"]
-    T = np.eye(4)
-    T[0, 3] = -0.11  # points move to the left in a camera that stands further right
-    values["cam1"]["T_cn_cnm1"] = T.tolist()
-    path.write_text("%YAML:1.0\n" + yaml.safe_dump(values))
-    rig = read_foreign([path])
-    np.testing.assert_allclose(rig.cameras[1].T_rig_camera.translation, [0.0, -0.11, 0.0], atol=1e-12)
-    np.testing.assert_allclose(rig.cameras[0].T_rig_camera.rotation @ [0, 0, 1], [1, 0, 0], atol=1e-12)
 
 
 def test_a_pose_of_the_camera_in_the_imu_is_read_too(path):

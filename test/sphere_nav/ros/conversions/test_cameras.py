@@ -22,11 +22,6 @@ CAMERAS = [
 ]
 
 
-def test_the_rectified_camera_is_that_of_the_projection_matrix():
-    info = camera_to_info(PINHOLE, 0, "left")
-    assert camera_from_info(as_rectified(info)) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
-
-
 def changed(**fields):
     info = camera_to_info(PINHOLE, 0, "front")
     for name, value in fields.items():

@@ -1,6 +1,5 @@
 """The shell of a localiser around one that says what it is told: answers, silence, stamps, poses given, losses."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +7,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image
-from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import Relocalize
 
 from sphere_nav.geometry import SE3, Pinhole
@@ -19,10 +14,8 @@ from sphere_nav.localization import FINE, InputCheck, Reason, State
 from sphere_nav.localization.params import InputParams, NodeParams
 from sphere_nav.localization.status import BaseEstimate, status_of
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.conversions import array_to_image, camera_to_info, ns_to_time, se3_to_pose_with_covariance, stamp_ns
-from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_pose_with_covariance, stamp_ns
 from sphere_nav.ros.localizer.node import LocalizerNode
-from worlds.desk import Desk
 
 # Written out: imported, a change would go unseen.
 NUM_COUNTED, STANDSTILL_S = 20, 1.0
@@ -231,45 +224,26 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
     assert bench.see(bench.now - 50 * SECOND, "other")["/status"].reason == Reason.NONE
 
 
-# --- over DDS
-@pytest.mark.slow
-def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_on_with_it(ros):
-    overrides = [Parameter("use_sim_time", value=True), Parameter("base_frame", value="")]
-    shell, statuses = LiveShell(Parrot, parameter_overrides=overrides), []
-    desk = Desk(shell)
-    peer, until = desk.peer, desk.until
-    clock, infos = peer.create_publisher(Clock, "/clock", 10), peer.create_publisher(CameraInfo, "camera_info", 10)
-    images = peer.create_publisher(Image, "image_raw", 10)
-    peer.create_subscription(LocalizationStatus, "status", statuses.append, 10)
-    shell.start()
+def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_on_with_it(monkeypatch):
+    bench, publishers, steady = Bench(), ["/peer"], [0]
+    node = bench.node
+    assert bench.see()["/status"].state == "TRACKING"
+    monkeypatch.setattr(node, "publishers_of", lambda topic: publishers if topic == "/clock" else [])
+    monkeypatch.setattr(node, "steady_ns", lambda: steady[-1])
 
-    def see(number):
-        """Let the clock show a time, and an image of it."""
-        pixels = np.random.default_rng(number).integers(20, 230, (48, 64)).astype(np.uint8)
-        stamp = number * STEP
-        clock.publish(Clock(clock=ns_to_time(stamp)))
-        infos.publish(camera_to_info(CAMERA, stamp, "camera"))
-        images.publish(array_to_image(pixels, stamp, "camera", "mono8"))
-        until(lambda: any(stamp_ns(status) == stamp for status in statuses))
-        return statuses[-1]
+    def stand(seconds):
+        for _ in range(round(10 * seconds)):
+            steady.append(steady[-1] + STEP)
+            node.on_watch()
+        return [record.message for record in bench.bus.settle() if record.topic == "/status"]
 
-    until(lambda: clock.get_subscription_count() and infos.get_subscription_count() and images.get_subscription_count())
-    until(lambda: statuses or peer.count_publishers("status"))
-    assert see(51).state == "TRACKING"
-    statuses.clear()
-    until(lambda: "held by /peer" in shell.node.reports.get("/clock", (0, ""))[1])
-    held = time.monotonic()
-    until(lambda: time.monotonic() > held + STANDSTILL_S)
-    assert not statuses  # somebody who waits holds it: nothing is wrong, however long
-    peer.destroy_publisher(clock)
-    until(lambda: statuses)
-    told = statuses[-1]
-    assert (told.state, told.reason, stamp_ns(told)) == ("DEGRADED", "TIMEOUT", 51 * STEP)
+    assert stand(3 * STANDSTILL_S) == []  # somebody who waits holds it: nothing is wrong, however long
+    assert "held by /peer" in node.reports["/clock"][1]
+    publishers.clear()
+    told = stand(2 * STANDSTILL_S)[-1]
+    assert (told.state, told.reason, stamp_ns(told)) == ("DEGRADED", "TIMEOUT", bench.now)
     assert told.value > told.limit == STANDSTILL_S
     assert "/clock stands still" in told.remedy
-    assert "/clock stands still" in shell.node.reports["localisation"][1]
-    clock = peer.create_publisher(Clock, "/clock", 10)
-    until(lambda: clock.get_subscription_count())
-    answer = see(52)
+    assert "/clock stands still" in node.reports["localisation"][1]
+    answer = bench.see()["/status"]
     assert (answer.state, answer.reason) == ("TRACKING", "")
-    desk.close()

@@ -60,22 +60,6 @@ def map_of(bag):
     return poses_of(bag.with_name(f"{bag.name}_map"))
 
 
-@pytest.mark.slow
-def test_depth_of_its_own_camera_is_registered_while_mapping(own, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    source = write_bag(tmp_path / "source", unregistered, numbers=range(4))
-    names = REALSENSE | {
-        "/depth/image_raw": "/camera/camera/depth/image_rect_raw",
-        "/depth/camera_info": "/camera/camera/depth/camera_info",
-    }
-    copy_bag(source, tmp_path / "foreign", names, storage=StoragePlugin.SQLITE3)
-    assert call("inspect", "foreign") == 0
-    said = capsys.readouterr().out
-    assert "--depth-info /camera/camera/depth/camera_info" in said
-    assert call("map", "foreign", "-o", "foreign_map") == 0
-    np.testing.assert_allclose(poses_of("foreign_map"), map_of(own["rgbd"]), atol=1e-3)
-
-
 def test_depth_of_its_own_camera_without_frames_is_no_offer(tmp_path, capsys):
     source = write_bag(tmp_path / "source", unregistered, numbers=range(2))
     names = REALSENSE | {

@@ -18,7 +18,6 @@ from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.condensing import count_bytes
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.cli.main import main
@@ -166,20 +165,6 @@ def thinned_to(reader, budget):
     tracks = [SimpleNamespace(key_id=min(reader.graph.nodes))]
     mapper = SimpleNamespace(params=SimpleNamespace(key=key), tracks=tracks, load_sphere=reader.load_sphere)
     return thin_map(mapper, (None, reader), budget, reader.graph, np.zeros((0, 3)), ())
-
-
-@pytest.mark.slow
-def test_a_budget_is_kept_by_condensing_first(joint):
-    with open_map(joint / "both") as both:
-        number = len(both.graph)
-        sizes = [[count_bytes(both, one, is_condensed) for one in both.graph.nodes] for is_condensed in (False, True)]
-        least = sum(min(two) for two in zip(*sizes, strict=True))
-        for num_bytes, is_left in ((0.5 * (both.num_bytes + least), False), (0.2 * least, True)):
-            graph, condensed, told = thinned_to(both, Budget(num_bytes=num_bytes))
-            assert bool(condensed)
-            assert (len(graph) < number) == is_left
-            assert told[0] == f"{len(condensed)} key spheres are condensed for the budget"
-            assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
 
 
 @pytest.mark.slow
