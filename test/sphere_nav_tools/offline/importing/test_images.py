@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.spherical import SENSOR, T_BODY_RIG
 from sphere_nav_tools.offline.importing.stereo import open_kitti
 from worlds.rig import WAVES
@@ -127,6 +128,28 @@ def test_images_without_a_lens_a_base_line_or_a_partner_are_refused(capsys, tmp_
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1
     assert expected in error[0]
+
+
+def test_panoramas_one_above_the_other_become_spheres_with_range(tmp_path):
+    camera, folder = Spherical(256, 128), tmp_path / "pairs"
+    rays = camera.unproject(pixel_grid(camera))
+    for level, up in (("top", 0.0), ("bottom", -0.3)):
+        points = rays * range_of_cylinder(rays)[..., None] + [0.0, 0.0, up]
+        levels = 128 + 14 * np.sum(np.sin(points @ WAVES.T * 2.0 + np.arange(24)), axis=-1)
+        write(folder / level / f"{1403636579000000000}.png", np.clip(levels, 1, 255).astype(np.uint8))
+    recording = open_images(folder, None, None, 0.3, None)
+    sphere = message_to_sphere(dict(recording.frame(0))["sphere"])
+    assert sphere.stamp_ns == recording.instants[0].stamp_ns == 1403636579000000000
+    rows = slice(45, 83)
+    error = np.abs(sphere.range_m / range_of_cylinder(rays) - 1.0)[rows]
+    assert np.isfinite(error).mean() > 0.8
+    assert np.nanmedian(error) < 0.02
+    write(folder / "bottom" / f"{1403636579000000000}.png", np.full((64, 128), 9, np.uint8))
+    with pytest.raises(ValueError, match="bottom: expected the size of top, found another"):
+        dict(recording.frame(0))
+    (folder / "bottom" / f"{1403636579000000000}.png").rename(folder / "bottom" / f"{1403636580000000000}.png")
+    with pytest.raises(ValueError, match="expected pairs of one time in top and bottom, found none"):
+        open_images(folder, None, None, 0.3, None)
 
 
 RADIUS = 2.0  # m, of a cylinder around the rig's vertical axis
