@@ -91,7 +91,7 @@ class Assembly:
         if len(known) > 1:
             costs = np.sum([np.minimum(self._misfits(candidates, s), LOST) for s in known], axis=0)
             order = np.argsort(costs, kind="stable")
-            candidates = candidates[order[costs[order] <= 1.5 * costs.min() + 1e-6]]
+            candidates = candidates[order[costs[order] <= 1.5 * costs.min()]]
         return SE3(candidates)
 
     def _misfits(self, T_world_rigs: Array, sighting: Sighting) -> Array:
