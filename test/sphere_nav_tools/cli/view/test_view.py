@@ -192,6 +192,9 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     assert (picture[:, :, 0] == [[9, 60], [60, 9]]).all()  # holes are dark
     assert "50 % seen" in client.gui.add_markdown.return_value.content
     assert not client.gui.add_dropdown.return_value.visible  # of two looks one is all
+    page._scene.experiences.append(Experience("", "dusk", "c", 5))
+    page._welcome(client)
+    assert client.gui.add_dropdown.return_value.visible
     client.gui.add_checkbox.return_value.value = False
     assert draw(False)
     assert client.scene.set_background_image.call_args.args == (None,)
