@@ -350,8 +350,9 @@ def test_what_has_not_changed_is_drawn_once(chart):
     seen.hear("spheres", np.array([[1.0, 2.0], [3.0, 4.0]]))
     seen.hear("places", [words.Place("gate", 1.0, 2.0)])
     seen.hear("odometry", [np.array([0.0, 0.0]), np.array([14.0, 2.0])])  # nobody localises
+    picture = ground.Ground(np.zeros((2, 2, 4)), (3.0, 4.0), (5.0, 6.0))
     for _ in range(2):
-        chart.show(seen, ground.Ground(np.zeros((2, 2, 4)), (3.0, 4.0), (5.0, 6.0)), False)
+        chart.show(seen, picture, False)
     names = [name for _, name, _ in scene.added]
     drawn = ["/ground", "/path", "/ahead", "/driven", "/spheres", "/place_0", "/place_0/name", "/car"]
     assert [names.count(name) for name in drawn] == [1] * 7 + [0]
