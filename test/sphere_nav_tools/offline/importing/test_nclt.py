@@ -1,6 +1,5 @@
 """A session of NCLT in small, made as its documentation says."""
 
-import shutil
 from itertools import islice
 
 import cv2
@@ -107,7 +106,3 @@ def test_files_of_another_form_are_refused(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=message):
         list(islice(open_nclt(folder).frame(1), 2))  # the pose, the points
-    shutil.rmtree(folder / "lb3")
-    (folder / "lb3").mkdir()
-    with pytest.raises(ValueError, match="lb3: expected folders Cam0 to Cam5, found none"):
-        open_nclt(folder)
