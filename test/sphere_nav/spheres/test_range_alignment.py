@@ -25,7 +25,6 @@ WHOLE = Spherical(256, 128)
 WINDOW = Spherical(160, 110, 512.0, 176.0, 60.0)
 T_A, T_B = SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.6, -0.1, 0.55)
 T_A_B = T_A.inverse() @ T_B
-POSITION, TURN = slice(0, 3), slice(3, 6)
 
 
 def ranges(pose, camera=WHOLE, room=None, noise=0.0):
@@ -54,7 +53,7 @@ def test_a_motion_that_is_off_by_more_than_the_last_gate_does_not_fit():
     assert not assess_ranges(*whole, T_A_B @ SE3.exp([0.1, 0.1, 0.0, 0.0, 0.0, 0.0])).is_good
     window, depth = ranges(T_A, WINDOW), RangeImage.from_depth(depth_image(optical(T_A)))
     fits = [assess_ranges(*whole, T_A_B), assess_ranges(window, depth, T_A.inverse() @ optical(T_A))]
-    worst = np.array([[np.linalg.eigvalsh(fit.covariance[p, p])[-1] for p in (POSITION, TURN)] for fit in fits])
+    worst = np.array([[np.linalg.eigvalsh(fit.covariance[p, p])[-1] for p in (slice(3), slice(3, 6))] for fit in fits])
     worst[:, 1] *= [fit.typical_m**2 for fit in fits]
     np.testing.assert_allclose([fit.sigma_m**2 for fit in fits], worst.max(axis=1))
     assert set(worst.argmax(axis=1)) == {0, 1}  # the turn tells the least, or the position
