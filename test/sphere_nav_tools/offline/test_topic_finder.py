@@ -178,7 +178,6 @@ def test_frames_are_read_where_the_user_says_and_what_contradicts_itself_is_told
     del kept["/tf_static"]
     finder = TopicFinder(bag, {"tf": "car/tf"})
     assert finder.frames.is_connected("base_link", "box")
-    assert not finder.frames_told[1]
 
 
 def test_the_cameras_of_a_rig_are_found_by_their_names_and_those_that_lack_are_left_out():

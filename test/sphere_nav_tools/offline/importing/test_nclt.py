@@ -88,7 +88,6 @@ def test_a_rig_of_nclt_looks_ahead_and_up(tmp_path):
     mask = cv2.imread(rig.camera("cam5").mask, cv2.IMREAD_GRAYSCALE)
     assert mask.shape == (HEIGHT, WIDTH)
     np.testing.assert_array_equal(np.argwhere(mask == 255).max(axis=0), [HEIGHT - 17, WIDTH - 18])  # 15 px less
-    assert mask[: HEIGHT - 16, : WIDTH - 17].all()
 
 
 @pytest.mark.parametrize(
