@@ -165,13 +165,12 @@ def _is_near(one: KeyImage, other: KeyImage, graph: SphereGraph) -> bool:
 def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target: Path) -> int:
     """Write the map that also knows images of a drive; return how many key spheres were added."""
     camera = taught[0].camera
-    what = f"learned {camera.width} x {camera.height}"
+    what, ids = f"learned {camera.width} x {camera.height}", count(max(base.graph.nodes) + 1)
     experience = Experience("", what, drive.name, min(one.stamp_ns for one in taught))
     spheres, nodes, edges, index = dict[int, Sphere](), list[KeySphere](), list[Edge](), base.appearance()
-    ids = count(max(base.graph.nodes) + 1)
     for one in taught:
         sphere, T_map_sphere, covariance = make_sphere(base, one)
-        if float(np.mean(sphere.measured)) >= MIN_MEASURED:
+        if np.mean(sphere.measured) >= MIN_MEASURED:
             new_id, radius = next(ids), region_radius(sphere)
             nodes.append(KeySphere(new_id, one.stamp_ns, T_map_sphere, region_radius_m=radius, experience=experience))
             edges.append(_edge(base.graph, one, nodes[-1], covariance))
