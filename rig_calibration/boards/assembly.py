@@ -64,7 +64,7 @@ class Sighting:
     @property
     def reach(self) -> float:
         """How far away the board is, m."""
-        return float(np.linalg.norm(self.T_camera_board.translation[0])) + 1e-9
+        return float(np.linalg.norm(self.T_camera_board.translation[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Assembly:
         if len(known) > 1:
             costs = np.sum([np.minimum(self._misfits(candidates, s), LOST) for s in known], axis=0)
             order = np.argsort(costs, kind="stable")
-            candidates = candidates[order[costs[order] <= 1.5 * costs.min() + 1e-6]]
+            candidates = candidates[order[costs[order] <= 1.5 * costs.min()]]
         return SE3(candidates)
 
     def _misfits(self, T_world_rigs: Array, sighting: Sighting) -> Array:
@@ -182,7 +182,7 @@ def _majority(candidates: list[Array], reach: float) -> tuple[SE3, int]:
     best = int(np.argmin(np.sum(np.minimum(nearest, LOST), axis=1)))
     chosen = [start + int(np.argmin(row)) for start, row in zip(first, np.split(apart[best], first[1:]), strict=True)]
     distances = apart[best][chosen]
-    close = pool[chosen][distances <= max(min(2.0 * float(np.median(distances)) + 1e-9, LOST), float(distances.min()))]
+    close = pool[chosen][distances <= max(min(2.0 * float(np.median(distances)), LOST), float(distances.min()))]
     R = so3.nearest_rotations(close[:, :3, :3].mean(axis=0))
     return SE3.from_parts(R, np.median(close[:, :3, 3], axis=0)), int(np.count_nonzero(distances <= LOST))
 

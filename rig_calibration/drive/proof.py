@@ -173,7 +173,7 @@ def likelihood_ratio(images: Sequence[DriveImage], states: Sequence[ImageState],
 
 def settle_image(image: DriveImage, state: ImageState, lens: Lens) -> Array:
     """Return the residuals (N,) of an image under a lens, its pose and light adjusted from coarse to full size."""
-    for level in range(min(1, len(image.levels) - 1), -1, -1):
+    for level in reversed(range(len(image.levels[:2]))):
         least = np.inf
         for _ in range(OWN_STEPS):
             residual, J = differentiate(image, state, lens, level)

@@ -267,7 +267,7 @@ def _agree(normals: Array, is_seen: Flags, is_alike: Flags) -> float:
     axis = np.argmax(np.abs(normals), axis=1)
     seen, alike = (np.bincount(axis[chosen], minlength=3) for chosen in (is_seen, is_alike))
     counted = seen >= MIN_FACING_SHARE * seen.sum()
-    return float(np.min(alike[counted] / np.maximum(seen[counted], 1)))
+    return float(np.min(alike[counted] / seen[counted]))
 
 
 def _shift(points: Array, by: int, axis: int) -> Array:

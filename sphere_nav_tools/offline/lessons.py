@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, starmap
+from itertools import chain, count, starmap
 from pathlib import Path
 from typing import Any
 
@@ -165,13 +165,13 @@ def _is_near(one: KeyImage, other: KeyImage, graph: SphereGraph) -> bool:
 def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target: Path) -> int:
     """Write the map that also knows images of a drive; return how many key spheres were added."""
     camera = taught[0].camera
-    what = f"learned {camera.width} x {camera.height}"
+    what, ids = f"learned {camera.width} x {camera.height}", count(max(base.graph.nodes) + 1)
     experience = Experience("", what, drive.name, min(one.stamp_ns for one in taught))
     spheres, nodes, edges, index = dict[int, Sphere](), list[KeySphere](), list[Edge](), base.appearance()
     for one in taught:
         sphere, T_map_sphere, covariance = make_sphere(base, one)
-        if float(np.mean(sphere.measured)) >= MIN_MEASURED:
-            new_id, radius = max(base.graph.nodes) + 1 + len(nodes), region_radius(sphere)
+        if np.mean(sphere.measured) >= MIN_MEASURED:
+            new_id, radius = next(ids), region_radius(sphere)
             nodes.append(KeySphere(new_id, one.stamp_ns, T_map_sphere, region_radius_m=radius, experience=experience))
             edges.append(_edge(base.graph, one, nodes[-1], covariance))
             spheres[new_id] = sphere

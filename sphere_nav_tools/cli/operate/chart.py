@@ -96,7 +96,7 @@ class Chart:
         height = max(float(np.linalg.norm(np.subtract(camera.position, camera.look_at))), 0.1)
         up = -self._axes()[:2, 1]
         turn = float(np.degrees(np.arctan2(up[0], up[1])))
-        pixels = max(float(camera.image_height), 1.0)
+        pixels = max(camera.image_height, 1.0)
         return scale_bar(2.0 * height * float(np.tan(0.5 * camera.fov)) / pixels, -turn, LEGEND)
 
     def _glide_to(self, goal: Array) -> None:

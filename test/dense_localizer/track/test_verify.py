@@ -52,6 +52,8 @@ class Track:
         found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
         if found.is_accepted:
             self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
+            if found.is_by_map:
+                self.visual_odometry.start(found, frame.stamp_ns)
         return by_map, found
 
 

@@ -68,6 +68,9 @@ def test_false_sightings_are_outvoted():
     seen += [sighting(1, n, 0, T, error if n in (0, 4, 5) else None) for n, T in enumerate(instants)]
     found = assemble(seen, CAMERAS[0], 2)
     np.testing.assert_allclose(found.cameras[1].matrix, CAMERAS[1].matrix, atol=1e-9)
+    seen = [sighting(0, 0, board, instants[0], error if board == 2 else None) for board in range(3)]
+    poses = Assembly(seen, {0: CAMERAS[0]}, dict(enumerate(BOARDS))).rig_poses(0)
+    np.testing.assert_allclose(poses.matrix, [instants[0].matrix] * 2, atol=1e-9)  # not that by the false one
 
 
 def test_what_only_one_end_of_is_known_joins_nothing():

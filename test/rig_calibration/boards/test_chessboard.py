@@ -46,7 +46,9 @@ def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
 
 
 def test_a_single_board_is_found_at_once():
-    squares = np.kron(np.indices((5, 8)).sum(axis=0) % 2 * 255, np.ones((30, 30)))
-    gray = np.pad(squares, 30, constant_values=255).astype(np.uint8)
-    ((board, found),) = chessboard.candidates(gray, BOARDS[:1])
-    assert np.ptp(next(found), axis=0) == pytest.approx([30.0 * (board.columns - 1), 30.0 * (board.rows - 1)], abs=1.0)
+    for side in (30, 5):
+        squares = np.kron(np.indices((5, 8)).sum(axis=0) % 2 * 255, np.ones((side, side)))
+        gray = np.pad(squares, 30, constant_values=255).astype(np.uint8)
+        ((_, found),) = chessboard.candidates(gray, BOARDS[:1])
+        assert np.ptp(next(found), axis=0) == pytest.approx([6.0 * side, 3.0 * side], abs=1.0)
+        assert set(detect_all(gray, BOARDS[:1])) == {"wide"}

@@ -82,6 +82,9 @@ def test_residuals_have_the_derivatives_that_are_told(world):
     image = replace(image, levels=(replace(image.levels[0], image=smooth, points_map=points_map, gray=gray),))
     residual, J = differentiate(image, state, lens, 0)
     sizes = np.array([*1e-3 * lens.prior_sigma, *np.full(6, 1e-4), 1e-3, 1e-2])
+    np.testing.assert_allclose(lens.prior_sigma, [7.5, 7.55, 6.0, 6.0, 0.3, 0.3, 0.01, 0.01, 0.02])
+    others = replace(lens, camera=FISHEYE, map_errors=(0.0,) * 6).prior_sigma[4:]  # those of the map's lens, too
+    np.testing.assert_allclose(others, [*[0.1] * 4, 0.02, 0.03, 0.03, 0.02, 0.02, 0.05, 0.05])
     for k, size in enumerate(sizes):
         step = np.zeros(len(sizes))
         step[k] = size

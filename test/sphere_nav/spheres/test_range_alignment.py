@@ -48,6 +48,17 @@ def test_a_motion_is_found_from_afar(camera, noise, limit_mm):
     assert distance < 4.0 * sigma_m < 0.05  # it knows how good it is
 
 
+def test_a_motion_that_is_off_by_more_than_the_last_gate_does_not_fit():
+    whole = [ranges(pose, noise=0.005) for pose in (T_A, T_B)]
+    assert not assess_ranges(*whole, T_A_B @ SE3.exp([0.1, 0.1, 0.0, 0.0, 0.0, 0.0])).is_good
+    window, depth = ranges(T_A, WINDOW), RangeImage.from_depth(depth_image(optical(T_A)))
+    fits = [assess_ranges(*whole, T_A_B), assess_ranges(window, depth, T_A.inverse() @ optical(T_A))]
+    worst = np.array([[np.linalg.eigvalsh(fit.covariance[p, p])[-1] for p in (slice(3), slice(3, 6))] for fit in fits])
+    worst[:, 1] *= [fit.typical_m**2 for fit in fits]
+    np.testing.assert_allclose([fit.sigma_m**2 for fit in fits], worst.max(axis=1))
+    assert set(worst.argmax(axis=1)) == {0, 1}  # the turn tells the least, or the position
+
+
 def test_a_single_wall_holds_no_motion():
     """It could be slid along: not observable."""
     rays = pixel_rays(WINDOW)

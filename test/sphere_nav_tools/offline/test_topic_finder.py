@@ -16,7 +16,7 @@ from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, IMU, ODOMETRY, SPHER
 from sphere_nav.ros.camera.drivers import driver_names, read_driver
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.tf import TransformTree
-from sphere_nav_tools.offline.topic_finder import CAMERAS, names_of_cameras
+from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder, names_of_cameras
 from worlds.streams import compressed, finder_of, image, info
 
 RGBD, STEREO, MONO = TOPICS["rgbd"], TOPICS["stereo"], ("image_raw", "camera_info")
@@ -165,6 +165,18 @@ def test_odometry_is_not_the_truth_and_the_imu_is_the_vehicles():
     units = [Stream(f"/{name}/data", IMU, 50, 100.0, name) for name in ("arm", "box")]
     assert finder_of(units, tree=tree).imu == {"imu": "/box/data"}
     assert finder_of(units, {"imu": "arm/data"}, tree).imu == {"imu": "/arm/data"}
+
+
+def test_frames_are_read_where_the_user_says_and_what_contradicts_itself_is_told():
+    moves = [se3_to_transform(SE3.identity(), 5, parent, "box") for parent in ("base_link", "mast")]
+    kept = {"/car/tf": moves[:1], "/tf_static": moves}
+    bag = SimpleNamespace(
+        topics=kept, messages=lambda topics: [(topics[0], 5, SimpleNamespace(transforms=kept[topics[0]]))]
+    )
+    assert TopicFinder(bag).frames_told[1] == ["/tf_static: transform: box: parent base_link is replaced by mast"]
+    del kept["/tf_static"]
+    finder = TopicFinder(bag, {"tf": "car/tf"})
+    assert finder.frames.is_connected("base_link", "box")
 
 
 def test_the_cameras_of_a_rig_are_found_by_their_names_and_those_that_lack_are_left_out():

@@ -49,3 +49,4 @@ def test_range_from_the_center_is_that_of_the_scene_wherever_the_images_were_joi
     assert abs(np.median(error)) < 1e-4 + 0.5 * (0.033 / distance_m) ** 2
     assert np.percentile(np.abs(error), 95) < 1e-3 + 3 * (0.033 / distance_m) ** 2
     np.testing.assert_allclose(found_std[INSIDE], 0.1 * distance_m, rtol=0.05)
+    assert np.abs(joined_share(LAYOUT, 50.0)).max() == 0.5  # however near to a pole

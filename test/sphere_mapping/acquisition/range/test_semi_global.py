@@ -34,5 +34,5 @@ def test_ground_before_a_pair_does_not_lag_behind_its_slant():
     top, bottom = (np.ascontiguousarray(np.rint(image).clip(0, 255).astype(np.uint8).T) for image in (left, right))
     found = match_semi_globally(top, bottom, -2, is_whole=False).T
     error = (found - slant)[20:-20, 80:-20]
-    assert np.isfinite(error).mean() > 0.8
+    assert np.isfinite(error).mean() > 0.975  # 0.974 were it 10 % that the best must be better by
     assert abs(np.nanmedian(error)) < 0.1  # by passes down the rows alone it lags by half a pixel

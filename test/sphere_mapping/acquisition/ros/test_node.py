@@ -1,4 +1,4 @@
-"""The node sphere_stitcher without a usable rig; with one: test/nodes/test_sphere_stitcher.py."""
+"""The node sphere_stitcher without a usable rig; with one: test/nodes/test_sphere_mapping_stitcher.py."""
 
 from types import SimpleNamespace
 

@@ -56,6 +56,9 @@ def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
         visible -= number
     np.testing.assert_allclose(H[:6, :6], 0.0, atol=1e-4 * np.abs(h[:6, :6]).max())
     np.testing.assert_allclose(g[:6], 0.0, atol=1e-4 * np.abs(q[:6]).max())
+    depth, xi = min(selection.typical_range for selection in one.selections), np.array([0.3, 0.0, 0.4, 0.0, 0.6, 0.8])
+    moved_px = (1.0 + 0.5 / depth) * one.level.camera.pixels_per_radian
+    assert RigProblem._shift(one, image, X.adjoint() @ xi) == pytest.approx(moved_px)  # by the turn and by the way
     assert visible == 0
     assert H.shape == (14, 14)
     assert np.all(H[6:10, 10:] == 0.0)  # the light of one camera says nothing of the other's

@@ -89,6 +89,8 @@ def test_a_range_that_is_not_positive_is_refused(room):
         range_m[3, 4] = bad
         with pytest.raises(ValueError, match="range: expected positive"):
             prepare_reference(image, range_m, CAMERA, PARAMS)
+    with pytest.raises(ValueError, match=r"range: expected 80 x 60, found shape \(59, 80\)"):
+        prepare_reference(image, range_m[1:], CAMERA, PARAMS)
 
 
 def test_any_piece_of_the_curve_is_a_patch():

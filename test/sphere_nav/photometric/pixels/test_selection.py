@@ -7,7 +7,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
-from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
+from sphere_nav.photometric.pixels.selection import choose_pixels, holds, image_speed, select, select_levels
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(1024, 512)
@@ -54,6 +54,10 @@ def test_a_selection_holds_for_a_tenth_of_the_width_and_for_a_fifth_while_anothe
 
     assert holds(pixels, turned(0.098), CAMERA, 400)
     assert not holds(pixels, turned(0.102), CAMERA, 400)
+    twist, widths = np.array([0.3, 0.0, 0.4, 0.0, 0.6, 0.8]), CAMERA.pixels_per_radian / CAMERA.width
+    for camera, number, speed in ((CAMERA, 400, widths), (CAMERA, 9, widths), (CAMERA.halve(), 400, 0.0)):
+        expected = speed * (1.0 + 0.5 / first.typical_range)
+        assert image_speed(pixels, twist, camera, number) == pytest.approx(expected)
     pixels.under_way.add(300)
     assert choose_pixels(pixels, turned(0.195), CAMERA, 300) is first
     assert choose_pixels(pixels, turned(0.205), CAMERA, 300) is not first

@@ -196,7 +196,8 @@ def test_a_stamp_ahead_of_the_clock_is_refused_and_a_little_is_allowed():
     list(gate.bus.advance(10 * SECOND))
     gate.image(11)
     assert [(second, reason) for second, reason, _ in gate.refusals] == [(11, "BAD_STAMP")]
-    assert gate.refusals[0][2].detail == "stamp is 1.000 s ahead of the clock"
+    refusal = gate.refusals[0][2]
+    assert (refusal.detail, refusal.value, refusal.limit) == ("stamp is 1.000 s ahead of the clock", 1.0, 0.1)
     gate.send("image_raw", array_to_image(PIXELS, 10 * SECOND + SECOND // 20, "optical", "mono8"))
     assert len(gate.pictures) == 1
 

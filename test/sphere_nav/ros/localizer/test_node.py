@@ -32,7 +32,7 @@ class Parrot(LocalizerNode):
     NAME = "parrot"
     PARAMS = NodeParams
 
-    NO_MAP, has_map = "set `map`", True
+    NO_MAP, has_map, found = "set `map`", True, None
 
     def configure(self):
         self.check, self.searches, self.state = InputCheck(InputParams()), [], State.SEARCHING
@@ -56,6 +56,7 @@ class Parrot(LocalizerNode):
         if given is not None and given[0].translation[0] > 50.0:
             raise ValueError("initial pose: expected at most 10 m from the map, found 50 m")
         self.searches.append(given and given[0])
+        return self.found
 
     def silence(self, elapsed_s, finding):
         silence = self.check.find_silence(elapsed_s, finding)
@@ -197,6 +198,10 @@ def test_a_pose_off_the_map_is_refused_and_so_is_one_of_another_frame():
     assert bench.node.searches == []
     answer = bench.node.endpoints.call("relocalize", Relocalize.Request(has_guess=True, guess=pose_at(99.0)))
     assert (answer.success, "found 50 m" in answer.message) == (False, True)
+    for state in (State.SEARCHING, State.PROBATION):
+        bench.node.found = BaseEstimate(status_of(state, 5, FINE), T_MAP_BASE, 0.01 * np.eye(6))
+        answer = bench.node.endpoints.call("relocalize", Relocalize.Request())
+        assert answer.success == (answer.pose.pose.pose.position.x == 1.0) == (state is State.PROBATION)
 
 
 def test_another_localizer_is_heard_while_there_is_no_pose():

@@ -329,6 +329,44 @@ def test_the_way_ahead_begins_where_the_vehicle_is():
     assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
 
 
+def test_a_click_is_a_cross_and_a_drag_an_arrow_whose_head_is_at_its_end(chart):
+    chart.mark("click", [(2.0, 1.0)])
+    chart.mark("drag", [(0.0, 0.0), (4.0, 0.0)])
+    cross, arrow = (values["points"] for _, name, values in chart.client.scene.added if name in ("/click", "/drag"))
+    np.testing.assert_allclose(cross[:, 0, :2], [[1.4, 0.4], [2.6, 1.6], [2.0, 1.0], [2.6, 0.4]], atol=1e-6)
+    np.testing.assert_allclose(cross[-1, 1], [1.4, 1.6, 0.7], atol=1e-6)
+    np.testing.assert_allclose(arrow[:, 1, :2], [[4, 0], [3, 0.6], [4, 0], [3, -0.6]], atol=1e-6)
+
+
+def test_what_has_not_changed_is_drawn_once(chart):
+    seen, scene = Heard(), chart.client.scene
+    grids = [values["points"] for kind, _, values in scene.added if kind == "line_segments"]
+    assert [(len(one), np.abs(one).max()) for one in grids] == [(2 * 81, 40.0), (2 * 61, 300.0)]
+    seen.hear("path", np.column_stack([np.arange(11.0), np.zeros(11)]))
+    seen.hear("follower", SimpleNamespace(progress=4.0, state="DRIVING", reason=""))
+    seen.hear("spheres", np.array([[1.0, 2.0], [3.0, 4.0]]))
+    seen.hear("places", [words.Place("gate", 1.0, 2.0)])
+    seen.hear("odometry", [np.array([0.0, 0.0]), np.array([14.0, 2.0])])  # nobody localises
+    picture = ground.Ground(np.zeros((2, 2, 4)), (3.0, 4.0), (5.0, 6.0))
+    for _ in range(2):
+        chart.show(seen, picture, False)
+    names = [name for _, name, _ in scene.added]
+    drawn = ["/ground", "/path", "/ahead", "/driven", "/spheres", "/place_0", "/place_0/name", "/car"]
+    assert [names.count(name) for name in drawn] == [1] * 7 + [0]
+    told = {name: values for _, name, values in scene.added}
+    assert (told["/ground"]["position"], told["/ahead"]["points"][0, 0, 0]) == ((3.0, 4.0, -0.01), 4.0)
+    assert (told["/place_0"]["position"], chart._grid.position) == ((1.0, 2.0, 0.0), (10.0, 0.0, 0.0))
+
+
+def test_the_scale_is_of_a_round_length_and_its_arrow_points_to_y(chart):
+    camera = chart.client.camera
+    camera.fov, camera.image_height = 1.2, 800
+    assert '<i style="width:117px"></i>5 m ' in chart.scale()  # 0.0428 m a pixel, 25 m above
+    camera.wxyz, camera.position = (0.0, np.cos(0.25), np.sin(0.25), 0.0), (0.0, 0.0, 50.0)  # turned left by 0.5
+    assert '<i style="width:117px"></i>10 m ' in chart.scale()
+    assert "rotate(29)" in chart.scale()  # to the right of up
+
+
 def test_a_click_is_where_its_ray_meets_the_ground():
     assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, -1.0)).tolist() == pytest.approx([4.0, 2.0])
     assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, 0.1)) is None

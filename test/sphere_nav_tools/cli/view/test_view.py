@@ -192,9 +192,19 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     assert (picture[:, :, 0] == [[9, 60], [60, 9]]).all()  # holes are dark
     assert "50 % seen" in client.gui.add_markdown.return_value.content
     assert not client.gui.add_dropdown.return_value.visible  # of two looks one is all
+    page._scene.experiences.append(Experience("", "dusk", "c", 5))
+    page._welcome(client)
+    assert client.gui.add_dropdown.return_value.visible
     client.gui.add_checkbox.return_value.value = False
     assert draw(False)
     assert client.scene.set_background_image.call_args.args == (None,)
+
+
+def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
+    slept, shots = [], [SimpleNamespace(stamp_ns=stamp) for stamp in (5 * 10**9, 7 * 10**9, 8 * 10**9)]
+    monkeypatch.setattr(view.time, "sleep", slept.append)
+    view.replay_drive(SimpleNamespace(shots=lambda: shots, camera=PINHOLE), MagicMock())
+    assert slept == pytest.approx([0.0, 2.0, 3.0], abs=0.5)
 
 
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]

@@ -6,14 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.spherical import SENSOR, T_BODY_RIG
+from sphere_nav_tools.offline.importing import spherical
+from sphere_nav_tools.offline.importing.images import open_images
+from sphere_nav_tools.offline.importing.spherical import T_BODY_RIG
 from sphere_nav_tools.offline.importing.stereo import open_kitti
 from worlds.rig import WAVES
 
@@ -129,6 +131,28 @@ def test_images_without_a_lens_a_base_line_or_a_partner_are_refused(capsys, tmp_
     assert expected in error[0]
 
 
+def test_panoramas_one_above_the_other_become_spheres_with_range(tmp_path):
+    camera, folder = Spherical(256, 128), tmp_path / "pairs"
+    rays = camera.unproject(pixel_grid(camera))
+    for level, up in (("top", 0.0), ("bottom", -0.3)):
+        points = rays * range_of_cylinder(rays)[..., None] + [0.0, 0.0, up]
+        levels = 128 + 14 * np.sum(np.sin(points @ WAVES.T * 2.0 + np.arange(24)), axis=-1)
+        write(folder / level / f"{1403636579000000000}.png", np.clip(levels, 1, 255).astype(np.uint8))
+    recording = open_images(folder, None, None, 0.3, None)
+    sphere = message_to_sphere(dict(recording.frame(0))["sphere"])
+    assert sphere.stamp_ns == recording.instants[0].stamp_ns == 1403636579000000000
+    error = np.abs(sphere.range_m / range_of_cylinder(rays) - 1.0)[45:83]
+    assert np.isfinite(error).mean() > 0.8
+    assert np.nanmedian(error) < 0.02
+    write(folder / "bottom" / f"{1403636579000000000}.png", np.full((64, 128), 9, np.uint8))
+    with pytest.raises(ValueError, match="bottom: expected the size of top, found another"):
+        dict(recording.frame(0))
+    (folder / "bottom" / f"{1403636579000000000}.png").rename(folder / "bottom" / f"{1403636580000000000}.png")
+    with pytest.raises(ValueError, match="expected pairs of one time in top and bottom, found none"):
+        open_images(folder, None, None, 0.3, None)
+
+
+SENSOR = Pinhole(80, 60, 65.625, 65.625, 39.5, 29.5)
 RADIUS = 2.0  # m, of a cylinder around the rig's vertical axis
 
 
@@ -137,8 +161,9 @@ def range_of_cylinder(directions):
 
 
 @pytest.fixture
-def ring(tmp_path):
-    """Eight sensors, 45 degrees apart, in a cylinder whose grey level tells the azimuth."""
+def ring(tmp_path, monkeypatch):
+    """Eight small sensors, 45 degrees apart, in a cylinder whose grey level tells the azimuth."""
+    monkeypatch.setattr(spherical, "SENSOR", SENSOR)
     folder = tmp_path / "ring"
     (folder / "Extrinsics").mkdir(parents=True)
     for name in ("sphere_1", "sphere_2"):
@@ -158,19 +183,10 @@ def ring(tmp_path):
     return folder
 
 
-def spheres_of(path):
-    with BagReader(path) as bag:
-        return [message_to_sphere(item.message) for item in bag.messages(["sphere"])], [
-            pose_to_se3(item.message.pose) for item in bag.messages(["ground_truth/pose"])
-        ]
-
-
-@pytest.mark.slow
-def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
-    assert main(["import", "spherical", str(ring), "-o", str(tmp_path / "bag")]) == 0
-    spheres, poses = spheres_of(tmp_path / "bag")
-    assert len(spheres) == 2
-    sphere = spheres[0]
+def test_a_ring_becomes_a_sphere_with_z_up(ring):
+    recording = spherical.open_spherical(ring)
+    sphere = message_to_sphere(dict(recording.frame(0))["sphere"])
+    poses = [instant.T_map_link for instant in recording.instants]
     directions = sphere.camera.unproject(pixel_grid(sphere.camera))
     seen = np.isfinite(sphere.range_m)
     rows = np.abs(directions[..., 2]) < np.sin(np.radians(25))  # the sensors lie on their side: 63 degrees high
@@ -180,7 +196,7 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
     gray = 128 + 100 * np.sin(azimuth)
     assert (
         np.abs(sphere.image[..., 0].astype(float) - gray)[seen].max() < 4
-    )  # 100 grey levels a radian, a pixel is 4 mrad
+    )  # 100 grey levels a radian, a pixel is 15 mrad
     assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward

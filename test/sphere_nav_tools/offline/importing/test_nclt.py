@@ -1,18 +1,19 @@
 """A session of NCLT in small, made as its documentation says."""
 
+from itertools import islice
+
 import cv2
 import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_cloud, pose_to_se3, stamp_ns
-from sphere_nav_tools.cli.main import main
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_cloud, pose_to_se3
+from sphere_nav_tools.offline.importing.nclt import open_nclt
 
 WIDTH, HEIGHT = 96, 72
 STAMPS_US = [1_326_030_975_726_043 + 200_000 * i for i in range(3)]
-K = np.array([[24.0, 0.0, 50.0], [0.0, 24.0, 36.0], [0.0, 0.0, 1.0]])
+K = np.array([[24.0, 0.0, 50.0], [0.0, 25.0, 36.0], [0.0, 0.0, 1.0]])
 POSES = {  # of the cameras in the Ladybug, as the set's files have them: m, deg
     5: (0.041862, -0.001905, -0.000212, 160.868615, 89.914152, 160.619894),
     0: (0.0, 0.0, 0.06, 0.0, 0.0, 0.0),
@@ -43,7 +44,7 @@ def session(folder):
     cloud = np.zeros(2, [("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
     cloud["place"] = np.round((np.array([[5.0, 1.0, -0.5], [10.0, -2.0, 0.0]]) + 100.0) / 0.005)
     (folder / "velodyne_sync").mkdir()
-    (folder / "velodyne_sync" / f"{STAMPS_US[0]}.bin").write_bytes(cloud.tobytes())
+    (folder / "velodyne_sync" / f"{STAMPS_US[1]}.bin").write_bytes(cloud.tobytes())
     truth = [
         [s - 50_000 + 100_000 * j, 3.0 + i, 4.0, -0.5, 0.0, 0.0, np.pi / 2]
         for i, s in enumerate(STAMPS_US)
@@ -55,37 +56,52 @@ def session(folder):
     return folder
 
 
-@pytest.mark.dds
 def test_a_session(tmp_path):
-    folder = session(tmp_path / "2012-01-08")
-    assert main(["import", "nclt", str(folder), "-o", str(tmp_path / "bag")]) == 0
-    with BagReader(tmp_path / "bag") as bag:
-        topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
-    images = topics["/cameras/cam5/image_raw"]
-    assert [stamp_ns(message) for message in images] == [1000 * stamp for stamp in STAMPS_US]
-    assert camera_from_info(topics["/cameras/cam5/camera_info"][0]).fx == 24.0
-    assert topics["/cameras/cam5/camera_info"][0].header.frame_id == images[0].header.frame_id == "cam5_optical"
-    assert image_to_array(images[1])[10, 20].tolist() == [20 + 2 + 1, 10 + 1, 5]  # column + 2, row + 1 of image 1
-    assert not image_to_array(images[1])[:, WIDTH - 1].any()  # what the lens does not see
-    np.testing.assert_allclose(message_to_cloud(topics["/points"][0]), [[5.0, -1.0, 0.5], [10.0, 2.0, 0.0]], atol=1e-4)
-    assert len(topics["/points"]) == 1
+    recording = open_nclt(session(tmp_path / "2012-01-08"))
+    assert [instant.stamp_ns for instant in recording.instants] == [1000 * stamp for stamp in STAMPS_US]
+    assert [list(instant.others) for instant in recording.instants] == [[], ["points"], []]
+    topics = dict(recording.frame(1))
+    image, lens = topics["cameras/cam5/image_raw"], topics["cameras/cam5/camera_info"]
+    assert (camera_from_info(lens).fx, camera_from_info(lens).fy) == (24.0, 25.0)
+    assert lens.header.frame_id == image.header.frame_id == "cam5_optical"
+    assert image_to_array(image)[10, 20].tolist() == [20 + 2 + 1, 10 + 1, 5]  # column + 2, row + 1 of image 1
+    assert not image_to_array(image)[:, WIDTH - 1].any()  # what the lens does not see
+    np.testing.assert_allclose(message_to_cloud(topics["points"]), [[5.0, -1.0, 0.5], [10.0, 2.0, 0.0]], atol=1e-4)
     # north, east, down and a heading of 90 deg: looks east, which is -y of a world of x north, y west, z up
-    T_map_base = pose_to_se3(topics["/ground_truth/odometry"][1].pose.pose)
+    T_map_base = pose_to_se3(topics["ground_truth/odometry"].pose.pose)
     expected = SE3.from_parts(so3.exp([0.0, 0.0, -np.pi / 2]), [4.0, -4.0, 0.5])
     np.testing.assert_allclose(T_map_base.matrix, expected.matrix, atol=1e-6)
 
 
-@pytest.mark.dds
 def test_a_rig_of_nclt_looks_ahead_and_up(tmp_path):
-    main(["import", "nclt", str(session(tmp_path / "2012-01-08")), "-o", str(tmp_path / "bag")])
-    rig = read_rig(tmp_path / "bag" / "rig.yaml")
+    open_nclt(session(tmp_path / "2012-01-08")).write_beside(tmp_path)
+    rig = read_rig(tmp_path / "rig.yaml")
     assert rig.names == ("cam5", "cam0")
     ahead = rig.camera("cam5").T_rig_camera
     np.testing.assert_allclose(ahead.rotation[:, 2], [1.0, 0.0, 0.0], atol=0.02)
     np.testing.assert_allclose(ahead.rotation[:, 0], [0.0, 0.0, -1.0], atol=0.02)  # on its side: columns go down
-    np.testing.assert_allclose(ahead.translation, [0.077, 0.0, 1.23], atol=0.01)
-    np.testing.assert_allclose(rig.camera("cam0").T_rig_camera.rotation[:, 2], [0.0, 0.0, 1.0], atol=0.02)
+    np.testing.assert_allclose(ahead.translation, [0.0768, -0.0043, 1.2296], atol=5e-4)
+    up = rig.camera("cam0").T_rig_camera  # turned as the Ladybug is on the body
+    np.testing.assert_allclose(up.rotation[:, 2], np.radians([0.23, -0.07, 90.0]) / [1, 1, np.pi / 2], atol=1e-4)
+    np.testing.assert_allclose(up.rotation[:, 0], [1.0, -np.radians(0.5), -np.radians(0.23)], atol=1e-4)
+    np.testing.assert_allclose(up.translation, [0.0352, -0.0021, 1.29], atol=1e-4)
     mask = cv2.imread(rig.camera("cam5").mask, cv2.IMREAD_GRAYSCALE)
     assert mask.shape == (HEIGHT, WIDTH)
-    assert mask[HEIGHT // 2, WIDTH // 2] == 255
-    assert not mask[:, WIDTH - 3 :].any()
+    np.testing.assert_array_equal(np.argwhere(mask == 255).max(axis=0), [HEIGHT - 17, WIDTH - 18])  # 15 px less
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("cam_params/K_cam0.csv", "1,2,3\n", r"K_cam0.csv: expected 3 x 3 numbers, found 1 x 3"),
+        ("cam_params/K_cam0.csv", "fx\n", r"K_cam0.csv: expected numbers, found others"),
+        ("U2D/U2D_Cam5_1616X1232.txt", "-\n0 1 0 1\n0 0 0 0\n", "expected a line for each pixel, row by row, found 2"),
+        ("2012-01-08/lb3/Cam0/first.tiff", "", "Cam0: expected images named by their stamps in us, found others"),
+        (f"2012-01-08/velodyne_sync/{STAMPS_US[1]}.bin", "?", r"bin: expected points of 8 bytes, found 1 bytes"),
+    ],
+)
+def test_files_of_another_form_are_refused(tmp_path, name, text, message):
+    folder = session(tmp_path / "2012-01-08")
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        list(islice(open_nclt(folder).frame(1), 2))  # the pose, the points
