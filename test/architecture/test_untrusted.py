@@ -42,6 +42,7 @@ ALLOWED = {
     ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",
     ("sphere_nav/ros/maps/writer.py", "(folder / FILE_NAME).open"): "a file that it writes",
     ("sphere_nav_tools/offline/mapping/stitcher_ahead.py", "pickle.loads"): "of the process that began this one",
+    ("sphere_nav_tools/cli/processes.py", "(self.folder / f'{name}.log').open"): "the end of what a process printed",
     ("sphere_nav/ros/run.py", "Path('/proc/self/maps').read_text"): "of the kernel",
 }
 
