@@ -22,12 +22,7 @@ ALLOWED = {
     ("cycab_sim/rendering/embree.py", "MAPS.read_text"): "of the kernel",
     ("cycab_sim/sensors/rigs.py", "Path(path).read_text"): "a file that it has just written",
     ("mcl_depth/likeness/encoder.py", "np.load"): "weights: arrays alone, of a bounded size",
-    ("sphere_nav_tools/cli/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
     ("sphere_nav_tools/cli/processes.py", "path.read_text"): "of the kernel",
-    (
-        "sphere_nav_tools/cli/operate/teaching.py",
-        "(self.folder / f'{self.name}.{self._job}.log').open",
-    ): "the end of a log that its own process writes",
     ("sphere_nav/geometry/files/encoded.py", "np.fromfile"): "in a process of its own, with limits",
     ("sphere_nav/geometry/files/isolated.py", "Path(folder, 'refusal').read_text"): "what its own process has written",
     ("sphere_nav/geometry/files/isolated.py", "np.load"): "what its own process has written",
