@@ -122,7 +122,7 @@ def drive(folder, stops, domain):
             bench.wait(lambda: bench.poses.get_subscription_count() and bench.states.get_subscription_count())
             processes.start("cycab_sim", SIMULATION)
             for number, name, seconds in stops:
-                bench.disturb[number] = partial(stop_for, processes._running[name].pid, seconds)
+                bench.disturb[number] = partial(stop_for, processes.running[name].pid, seconds)
             bench.wait(lambda: bench.is_paused)
             bench.call("path_follower/start")
             bench.call("cycab_sim/resume")
