@@ -17,6 +17,7 @@ from dense_localizer.judge.integrity import Integrity
 from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck
 from dense_localizer.judge.view_mask import ViewMask
+from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams, PriorParams
 from dense_localizer.references.likeness import ExperienceChoice
@@ -40,7 +41,9 @@ from path_follower.ros.control import ControlLoop
 from path_follower.ros.intake import Answered
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Predictor
-from sphere_mapping.acquisition.ros.rig_intake import Clouds
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.agreement import Agreement
 from sphere_nav.geometry.odometry import OdometryBuffer
 from sphere_nav.localization import InputCheck
@@ -56,6 +59,9 @@ from sphere_nav.ros.localizer.map_transform import MapTransform
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformTree
+from worlds.localizer import make_map
+from worlds.rig import vertical_rig
+from worlds.room import Room
 
 SPOILED = object()
 FOLLOWER = FollowerParams()
@@ -104,6 +110,8 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
     "LensWatch": (LensWatch, "reset", ""),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
+    "Localizer": (lambda: Localizer(LocalizerParams(), make_map(Room(), [SE3.identity()], Spherical(64, 32))), "reset",
+                  "params references range_support"),
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
@@ -118,6 +126,8 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                    "references params is_automatic startup"),
     "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
     "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionModel(MotionParams())), "reset", ""),
+    "RigIntake": (lambda: RigIntake(vertical_rig(), SphereStitcherParams(), None, None, None), "clear",
+                  "rig params T_rig_lidar now_ns lookup on_instants has_points levels"),
     "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),
     "SimulatedTicks": (lambda: SimulatedTicks(0.1, 0.1), lambda one: one.restart(0), "silence_ns period_ns"),
     "StateMachine": (lambda: StateMachine(StateParams()), "reset", "params"),

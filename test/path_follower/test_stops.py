@@ -117,12 +117,13 @@ def test_an_operators_stop_is_gentle(kit, straight):
     assert steps.max() == pytest.approx(0.7 * 0.05)
 
 
-def test_a_clock_that_stands_or_jumps_back_stops(kit, straight):
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    drive = kit.run(follower, (0, 0, 0), seconds=6.0)
+@pytest.mark.parametrize(("yaw", "sign"), [(0.0, 1.0), (np.pi, -1.0)], ids=["ahead", "backwards"])
+def test_a_clock_that_stands_or_jumps_back_stops(kit, straight, yaw, sign):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2] + yaw))
+    drive = kit.run(follower, (0, 0, yaw), seconds=6.0)
     assert drive.final.state is FollowerState.DRIVING
     speed, held = drive.commands[-1].speed, [follower.hold(7 * SECOND, pause) for pause in (0.1, 1.0)]
-    assert [one.speed for one in held] == pytest.approx([speed - 0.4, 0.0])
+    assert [one.speed for one in held] == pytest.approx([speed - 0.4 * sign, 0.0])
     assert [one.status.state for one in held] == [FollowerState.STOPPING, FollowerState.STOPPED]
     assert {one.status.verdict.reason for one in held} == {StopReason.CLOCK_STOPPED}
     follower.reset()

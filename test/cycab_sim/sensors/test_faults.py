@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from cycab_sim.sensors.faults import SECOND, Faults
+from cycab_sim.vehicle import VehicleCommand
 
 
 def test_a_fault_is_in_force_from_its_start_for_its_duration():
@@ -43,6 +44,13 @@ def test_cameras_of_a_rig_have_faults_of_their_own():
     assert np.mean(np.equal(*dropped)) == pytest.approx(0.5, abs=0.1)  # four standard errors: not the same images
     with pytest.raises(ValueError, match=r"fault\.target: .*steering, front, rear, found 'left'"):
         faults.add("left", "silent", 0.0, 0.0, 0.0, 0)
+
+
+def test_a_wheel_that_is_off_is_off_to_the_same_side_backwards():
+    faults = Faults()
+    faults.add("steering", "bias", 0.1, 0.0, 0.0, 0)
+    done = faults.alter_command(VehicleCommand(-1.0, -np.tan(0.2) / 1.5), VehicleCommand(), 1.5, 1)
+    assert done.yaw_rate == pytest.approx(-np.tan(0.3) / 1.5)
 
 
 def test_impossible_faults_are_refused():

@@ -15,6 +15,7 @@ from sphere_nav.localization.status import TRUSTED, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import EVERYTHING, Structure
 from sphere_nav.photometric.checks.support import NO_SUPPORT
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
@@ -51,6 +52,12 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
         candidate = Integrity(references, params).assess(chosen, aligned, guess)
         assert (candidate.is_accepted, candidate.chance, candidate.is_by_parts) == (True, chance, chance < 1e-7)
         assert candidate.is_biased  # what has changed may pull
+    found = []
+    for share in (0.0, 1.0):
+        structure = Structure(illumination=PoseBias(share, 0.04 * np.eye(6)[0]))
+        monkeypatch.setattr("dense_localizer.judge.integrity.find_rig_structure", lambda *given, it=structure: it)
+        found.append(np.diag(Integrity(references, params).assess(chosen, aligned, guess).covariance))
+    np.testing.assert_allclose(found[1] - found[0], [0.008**2] * 3 + [0.0] * 3, atol=1e-6)  # a fifth may remain
     references.close()
 
 

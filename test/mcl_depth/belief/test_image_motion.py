@@ -43,7 +43,7 @@ def observe(image, odometry):
 
 def test_a_turned_camera_is_unsure_along_the_corridor():
     """Along stripes nothing tells how far it went, whichever way the camera looks."""
-    for yaw in (0.0, np.pi / 2):
+    for yaw in (0.0, 1.0):
         turn, images = SE3.from_planar(0.0, 0.0, yaw).rotation, []
         for x, rays in ((0.5, CAMERA.unproject(GRID)), (0.7, CAMERA.unproject(GRID) @ turn.T)):
             with np.errstate(divide="ignore"):

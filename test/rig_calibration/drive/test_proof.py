@@ -9,7 +9,7 @@ import pytest
 from rig_calibration.drive import proof
 from rig_calibration.drive.drive_image import collect
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
-from rig_calibration.drive.proof import lens_distance, prove
+from rig_calibration.drive.proof import lens_distance, prove, speed_in_image
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
@@ -102,6 +102,9 @@ def test_a_turn_is_no_difference_of_lenses():
     assert lens_distance(Lens.of(CAMERA), Lens.of(shifted)) < 0.25
     assert lens_distance(Lens.of(CAMERA), Lens.of(OTHER)) > 1.0
     assert lens_distance(Lens.of(CAMERA), Lens.of(CAMERA, 0.03), speed=100.0) == pytest.approx(3.0 / np.sqrt(12.0))
+    level, velocity = SimpleNamespace(points_map=np.array([[0.0, 0.0, 2.0]])), np.array([0.6, 0.0, 0.0, 0.0, 0.4, 0.0])
+    image = SimpleNamespace(levels=[level], T_map_camera=SE3.identity(), velocity=velocity)
+    assert speed_in_image(image, Lens.of(CAMERA)) == pytest.approx(0.5 * CAMERA.pixels_per_radian)
 
 
 def test_what_a_wrong_lens_made_of_a_map_grows_with_the_tangent_as_far_as_it_is_known():

@@ -3,6 +3,7 @@
 import resource
 import shutil
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -91,6 +92,10 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
         assert len(reader.graph) == len(whole.graph)
 
 
-def test_a_journal_is_on_disk_from_the_first_key_sphere_on(tmp_path, told):
-    journal_in(tmp_path, told).tell(SphereGraph([KeySphere(0, 1, PLACES[0])]))
+def test_a_journal_is_on_disk_from_the_first_key_sphere_on_until_all_is_in_a_map(tmp_path, told):
+    journal, graph = journal_in(tmp_path, told), SphereGraph([KeySphere(0, 1, PLACES[0])])
+    journal.tell(graph)
     assert f"key spheres are written to {tmp_path / 'journal.partial'}" in told[0]
+    journal.saved()
+    journal.close(SimpleNamespace(graph=graph))
+    assert list(tmp_path.iterdir()) == []

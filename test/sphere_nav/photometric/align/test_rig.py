@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.problem import AlignmentState
@@ -50,6 +50,8 @@ def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
         step = 1e-6 * np.eye(6)
         X = image.T_body_camera
         numeric = np.stack([(X.inverse() @ SE3.exp(xi) @ X).log() for xi in step], axis=1) / 1e-6
+        moved = image.motion(FrameMotion(START @ SE3.exp(np.full(6, -0.05)), 0.5)).twist(image.pose(START))
+        np.testing.assert_allclose(moved, 0.025 * numeric.sum(axis=1), atol=1e-6)  # within a frame, too
         h, q, number = one.linearize(camera_state)
         H[:6, :6] -= numeric.T @ h[:6, :6] @ numeric
         g[:6] -= numeric.T @ q[:6]

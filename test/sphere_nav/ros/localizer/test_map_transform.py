@@ -62,6 +62,13 @@ def test_without_odometry_the_base_is_below_the_map():
     assert transform_to_se3(transform).distance(T_MAP_BASE)[0] < 1e-12
     assert world.pass_time(SECOND) == []  # nobody knows how the base goes on
     assert world.report == (OK, "map -> base_link")
+    T_root_base = SE3.from_parts(np.eye(3), [0.1, 0.0, 0.3])
+    mount = se3_to_transform(T_root_base, world.now, "base_footprint", "base_link")
+    world.bus.deliver("/tf_static", TFMessage(transforms=[mount]))
+    world.transform.update(T_MAP_BASE, world.now)
+    [(_, child, _, transform)] = world.sent()
+    assert child == "base_footprint"  # what is rigidly above the base is where that says
+    assert (transform_to_se3(transform) @ T_root_base).distance(T_MAP_BASE)[0] < 1e-12
 
 
 @pytest.mark.parametrize("source", ["odom", "tf"])

@@ -225,6 +225,8 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
     bench.send("/camera_info", camera_to_info(replace(CAMERA, fx=60.0), bench.now, "other"))
     assert bench.see(frame="other")["/status"].state == "TRACKING"
     bench.node.clock_jumped()
+    bench.send("/other/pose", pose_at(9.0, bench.now))
+    assert "agreement" not in bench.node.reports  # with a pose of before
     assert {status.state for status in bench.wait(5 * SECOND)} == {"NOT_LOCALISED"}  # none since: it is not lost
     assert bench.see(bench.now - 50 * SECOND, "other")["/status"].reason == Reason.NONE
 
