@@ -179,7 +179,7 @@ def test_a_join_by_an_image_beside_its_key_sphere_is_that_of_the_key_sphere(base
     assert edge.T_a_b.distance(BASE[0].inverse() @ DRIVE[0])[0] < 1e-9
 
 
-def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng):
+def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng, monkeypatch):
     """Against Monte Carlo: the localizer is unsure along one direction, and the key sphere is turned and aside."""
     T_key_sphere, T_a_sphere = SE3.from_planar(3.0, -2.0, 1.0), SE3.from_planar(0.4, 0.1, -0.5)
     root = np.diag([0.05, 0.01, 0.02, 0.001, 0.002, 0.02])
@@ -198,6 +198,15 @@ def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng):
     expected = np.cov(drawn.T) + np.diag(np.repeat([0.002 + 0.01 * away, 0.0005], 3) ** 2)
     sigma = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.05)
+    fit = SimpleNamespace(T_a_b=T_a_sphere, honest_covariance=root @ root.T)  # by ranges, without that floor
+    image = SimpleNamespace(track=Track(7, 100, T_key_sphere), ranges=None)
+    monkeypatch.setattr(joining, "find_places", lambda *_: [Place(SimpleNamespace(id=0), image, T_a_sphere)])
+    monkeypatch.setattr(joining, "fit_both_ways", lambda *_: (fit, fit))
+    monkeypatch.setattr(joining, "reconcile", lambda *_: fit)
+    ((edge,), _, _) = joining.refine_by_ranges(None, None, [], lambda _: None)
+    by_ranges = np.linalg.inv(edge.information)
+    sigma = np.sqrt(np.diagonal(by_ranges))
+    np.testing.assert_allclose(by_ranges / np.outer(sigma, sigma), np.cov(drawn.T) / np.outer(sigma, sigma), atol=0.05)
 
 
 def test_of_two_images_the_nearer_to_the_key_sphere_counts():

@@ -79,6 +79,18 @@ def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
                 time.sleep(0.1)
 
 
+def test_a_process_that_ignores_ctrl_c_is_killed(tmp_path, monkeypatch):
+    for name in ("END_PATIENCE_S", "LOOK"):
+        monkeypatch.setattr(processes_module, name, 0.2)
+    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(1, flush=True); time.sleep(20)"
+    patience = Patience(60.0)
+    with Processes(tmp_path) as processes:
+        processes.run("deaf", deaf)
+        while not processes.last_words("deaf") and patience.is_left():
+            time.sleep(0.05)
+        assert processes.stop("deaf") == -9
+
+
 PARENT = """
 import os, sys, time
 from pathlib import Path
