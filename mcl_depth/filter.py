@@ -81,9 +81,10 @@ class Filter:
     def update(self, observation: Observation) -> Estimate:
         """Localise one image."""
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
-        if report.is_clock_jump:
+        if report.is_clock_jump:  # nobody knows where the vehicle has gone meanwhile
             self.odometry.reset()
-            self._begin(self.particles)
+            if self._states.state is not State.NOT_LOCALISED:
+                self.search()
         if not report.is_good:
             return self.refuse(observation.stamp_ns, report.finding)
         if self._states.state is State.NOT_LOCALISED:

@@ -115,11 +115,12 @@ def test_wheels_that_stand_while_the_camera_goes_on_end_tracking_and_the_images_
         assert np.hypot(*(estimate.T_map_level.translation[:2] - pose[:2])) < 0.3
 
 
-def test_after_a_jump_of_the_stamps_nothing_is_held_against_odometry_of_before(site):
+def test_after_a_jump_of_the_stamps_the_place_is_searched_anew(site):
     filter_ = started(site)
     for number, pose in enumerate([*POSES[:6], *3 * [POSES[8]]]):
         estimate = filter_.update(observe(site, pose, number + 1000 * (number < 6)))
     assert estimate.status.reason not in ("BAD_STAMP", "JUMP_REJECTED")
+    assert (estimate.status.state, estimate.T_map_level) == (State.SEARCHING, None)  # 0.7 m off, told as TRACKING
 
 
 def test_a_mounting_turned_by_a_right_angle_is_named_and_never_tracked(site):
