@@ -98,7 +98,7 @@ class Localizer:
         self._visual_odometry.start(placed, frame.stamp_ns)
         finding = self._integrity.confirm(frame, candidate, self._states.state)
         self.references.prefetch(candidate.T_map_camera, self._prior.velocity, is_rig=candidate.is_rig)
-        self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
+        self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE, num_images=candidate.num_images)
         return self._report(frame, finding if finding.reason else frame.finding, candidate)
 
     def _hold(self, frame: LocalizerInput, finding: Verdict, refused: PoseCandidate | None = None) -> CameraEstimate:
@@ -121,7 +121,7 @@ class Localizer:
             self.search.reset()
             self._integrity.start(frame, candidate)
             self._states.start()
-            self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good)
+            self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good, num_images=candidate.num_images)
         return self._report(frame, finding, candidate)
 
     def relocalize(self, T_map_camera: SE3 | None = None) -> CameraEstimate | None:

@@ -15,12 +15,12 @@ from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
-    JOINT_IMAGES,
     LOST_IMAGES,
     MAX_SIGMA_M,
     MAX_SIGMA_RAD,
     MIN_WEIGHT,
 )
+from sphere_nav.localization.constants import PROVEN_IMAGES
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, Verdict
 
@@ -93,7 +93,7 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
         finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
         return BeliefVerdict(finding, num_images=0)
     is_joint = proof.survey is not None and proof.survey.is_of_rooms
-    return BeliefVerdict(num_images=JOINT_IMAGES if is_joint else 1)
+    return BeliefVerdict(num_images=PROVEN_IMAGES if is_joint else 1)
 
 
 def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:

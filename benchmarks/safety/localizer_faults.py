@@ -26,7 +26,7 @@ from sphere_nav.photometric.align import esm
 HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES, starts"
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small
 SIZES = {"quick": (1, 12, 0.03, 4, 4), "full": (6, 504, 5.0, 200, 50)}  # halls, failures, km, starts, outside
-SOUGHT = State.NOT_LOCALISED, State.SEARCHING
+SOUGHT = State.NOT_LOCALISED, State.SEARCHING, State.LOST  # after which the next image is searched with
 SECOND = 1_000_000_000
 RATE = 15  # Hz
 SPEED, NOMINAL_SPEED = 1.0, 5.0  # m/s, while things fail and while nothing does

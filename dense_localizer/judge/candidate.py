@@ -13,6 +13,7 @@ from dense_localizer.judge.acceptance import Acceptance, refuse
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.localization.constants import PROVEN_IMAGES
 from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.rig import RigImage
@@ -64,6 +65,11 @@ class PoseCandidate:
     def is_rig(self) -> bool:
         """Whether the pose is that of a body which carries the cameras, not that of the one camera."""
         return len(self.images) != 1 or self.images[0].T_body_camera is not None
+
+    @property
+    def num_images(self) -> int:
+        """How many images it counts for on probation."""
+        return PROVEN_IMAGES if self.is_by_parts else 1
 
     @property
     def noise(self) -> NDArray[np.float64]:

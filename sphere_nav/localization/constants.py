@@ -14,4 +14,5 @@ CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
 # States (test_state_machine)
 RECOVERY_IMAGES = 2  # good images in a row from DEGRADED to TRACKING
 MAX_PROBATION_FACTOR = 16  # bound of the doubling of the probation by losses
+PROVEN_IMAGES = 2  # that a good image counts for on probation whose place is proven: by its parts, or by all images
 FORGIVE_NS = 60_000_000_000  # of tracking, after which one loss is forgotten
