@@ -112,13 +112,12 @@ COMPARISON_SIGMA = np.repeat([0.005, 0.002], 3)  # (6,) m, rad: of any compariso
 VO_DRIFT = np.repeat([0.02, 0.004], 3)  # (6,) m, rad: standard deviation of what drifts in a meter
 VO_MAX_S, VO_MAX_STEP_S = 60.0, 0.3  # s without the map; between two images
 VO_MIN_NCC, VO_MAX_SIGMA_M = 0.8, 0.02  # of an alignment with the last image; m
-VO_MAX_SIGMAS = 5.0  # of its distance from the prediction, and of the map's pose from that by images; 6e-7 by chance
-VO_GOOD_NCC = 0.9  # of the usual correlation with the map: above it the map is believed without them
+VO_MAX_SIGMAS = 5.0  # of its distance from the prediction; 6e-7 by chance
 MIN_LIGHT_AGREEMENT, MAX_PREDICTED = 0.3, 2  # where light changes at once: mean cosine of gradients; images in a row
 MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
 ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count by the inverse of their residuals
 
-# Search, M15 section 5.4 (start/test_startup, start/test_by_parts, references/test_recognition)
+# Search, M15 section 5.4 (start/test_startup, start/test_by_edges, references/test_recognition)
 NUM_RETRIEVED, NUM_MATCHED, MIN_POSE_INLIERS = 12, 6, 6  # spheres by appearance; of them by features; features
 TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it
@@ -130,18 +129,16 @@ NUM_SEEN_POINTS = 100  # within the cone of a view, at least; 600 of a sphere ar
 MIN_COARSE_PIXELS = 60  # of an alignment that only ranks guesses: a view of 30 degrees has 200 of a small sphere
 NUM_ALIGNED, NUM_VERIFIED = 12, 4  # best guesses that are aligned coarsely, and of them at full resolution
 CLEAR_LEAD = 0.25  # of coarse correlation, by which the best guess leaves others behind: twice the margin of a start
-NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_PARTS = 48, 2, 6  # spheres compared by edges; headings of each; best ones aligned
+NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_EDGES = 48, 2, 2  # spheres compared by edges; headings of each; best ones tried
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
 NUM_WHOLE_SEARCHES = 2  # first ones of the whole map that ask everything each time (start/test_search)
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried
 
-# Parts of the view, asked of one prediction after the other (track/test_candidates)
-MAX_HINT_CHANCE = 0.01  # that as many agree in a wrong place, above which those of other predictions are not asked
+# What else may explain an image (track/test_candidates)
 NUM_OTHER_EXPERIENCES = 3  # that are asked for an image which the one in use does not explain well
 SURE_GRAY_NCC = 0.9  # correlation of grey levels below which local contrast is asked, too: other cars, another light
-ASK_ALL_S = 0.3  # since the map placed an image, until which they are in any case
 
 # Drives that are kept to learn from (test_key_images)
 MIN_EXPLAINED_NCC = 0.8  # correlation of an image with the map that explains it

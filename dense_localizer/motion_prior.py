@@ -52,7 +52,6 @@ class Prediction:
     max_step_s: float = GAP_S  # a longer one is a gap
     blind_s: float = 0.0
     defies_odometry: bool = False  # made without the odometry that was there
-    is_fallback: bool = False  # made because a likelier one failed
     is_guess: bool = False  # of a search: the pose may be any other
     is_near: bool = False  # of a search near a pose that was given or lost
     is_trusted: bool = False  # made while the pose is trusted
@@ -61,7 +60,6 @@ class Prediction:
     by_contrast: bool | None = None  # aligned by local contrast, or by grey levels; None: by what serves at present
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
-    age_s: float = 0.0  # since an image was last placed by the map
     expected: Expectation = NO_EXPECTATION  # of the ground, whatever the motion
 
     @staticmethod
@@ -197,29 +195,19 @@ class PosePrior:
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
         max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
         steps = step_s, max_step_s, blind_s
-        age_s = self.age(stamp_ns)
-        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth, age_s=age_s)
+        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth)
 
     def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
-        """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
+        """Yield predictions, the likeliest first: by odometry or velocity; without odometry, as it may be wrong.
 
-        The rotation since the last image (M15 eq. 20) is measured first where the images do not support a predicted
-        motion; in any case, once the first prediction has failed.
+        The rotation since the last image (M15 eq. 20) is measured where the images do not support a predicted motion.
         """
-        stamp_ns, T_odom_camera, rotations = frame.stamp_ns, frame.T_odom_camera, self._inter_frame
-        plain = self.predict(stamp_ns, T_odom_camera)
-        T_held_now = self._motion(plain.step_s, T_odom_camera)
-        T_before_now = rotations.refine(frame.images, T_held_now) if rotations else None
-        yield plain if T_before_now is None else self.predict(stamp_ns, T_odom_camera, T_before_now)
-        if T_before_now is not None:  # parallax looks like a turn, too
-            yield replace(plain, is_fallback=True)
-        T_before_now = rotations.measure(frame.images) if rotations and T_before_now is None else None
-        if T_before_now is not None:
-            yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_fallback=True)
+        stamp_ns, T_odom_camera = frame.stamp_ns, frame.T_odom_camera
+        T_held_now = self._motion(self.pause_s(stamp_ns), T_odom_camera)
+        T_before_now = self._inter_frame.refine(frame.images, T_held_now) if self._inter_frame else None
+        yield self.predict(stamp_ns, T_odom_camera, T_before_now)
         if T_odom_camera is not None:
-            yield replace(self.predict(stamp_ns), is_fallback=True, defies_odometry=True)
-        if self._held is not None and self.velocity is not None:
-            yield replace(plain, T_map_camera=self._held.T_map_camera, is_fallback=True)
+            yield replace(self.predict(stamp_ns), defies_odometry=True)
 
     def pause_s(self, stamp_ns: int) -> float:
         """Return the seconds since the last image."""

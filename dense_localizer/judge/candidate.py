@@ -38,7 +38,6 @@ class PoseCandidate:
     is_by_map: bool = True  # else by the last images alone
     is_by_range: bool = False  # by geometry alone
     is_by_parts: bool = False  # parts of the view have proven it, however little the whole resembles the map
-    chance: float | None = None  # that as many parts agree in a wrong place, where they were asked
 
     def refuse(self, finding: Verdict) -> PoseCandidate:
         """Return it as one that is not used."""

@@ -34,7 +34,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3, FrameMotion
-from sphere_nav.localization.status import FINE, Reason, State, Verdict
+from sphere_nav.localization.status import FINE, TRUSTED, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.expectation import Expectation
@@ -83,6 +83,8 @@ class Integrity:
 
     def find_due(self, state: State) -> Aspect:
         """Return the checks due for the residuals of the next image."""
+        if state not in TRUSTED:
+            return EVERYTHING | Aspect.PARTS
         if state is not State.TRACKING or self._is_biased:
             return EVERYTHING
         return CHECKS_DUE.get(self._count % INTEGRITY_PERIOD, NOTHING)
@@ -107,13 +109,14 @@ class Integrity:
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
-        has_failed, chance = not alignment.is_converged, None
+        has_failed = not alignment.is_converged
         if has_failed and prediction.asks_parts:
-            alignment, chance = align_by_parts(alignment, images, prediction, registration)
+            alignment = align_by_parts(alignment, images, prediction, registration)
         is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or not usual_ncc or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         # No grey levels pull a pose that they have not given.
-        due = Aspect.FIT if is_by_parts else EVERYTHING if is_unusual else self.find_due(state)
+        due = self.find_due(state)
+        due = Aspect.FIT if is_by_parts else due | EVERYTHING if is_unusual else due
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
             structure = self._look_at(images, alignment, prediction, motion, due)
@@ -125,10 +128,8 @@ class Integrity:
         limits = self._params.acceptance, registration.max_mad
         acceptance = assess(alignment, covariance, choice, prediction, *limits, structure)
         evidence = prediction, choice, acceptance, alignment, motion, images
-        if structure is not None and structure.support.num_cells:
-            chance = min(structure.support.chance, 1.0 if chance is None else chance)
-        is_by_parts = is_by_parts or (chance is not None and chance <= MAX_PREDICTED_CHANCE)
-        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts, chance=chance)
+        is_by_parts = is_by_parts or (structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE)
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts)
 
     def _look_at(
         self,
@@ -166,16 +167,13 @@ class Integrity:
 
 def align_by_parts(
     alignment: Alignment, images: Sequence[RigImage], prediction: Prediction, params: RegistrationParams
-) -> tuple[Alignment, float]:
-    """Return an alignment that failed at the pose on which parts of the view agree, where these prove it.
-
-    With it, the chance that as many agree in a wrong place.
-    """
+) -> Alignment:
+    """Return an alignment that failed at the pose on which parts of the view agree, where these prove it."""
     found = register_parts(images, prediction.T_map_camera, params)
     if found.chance > MAX_PREDICTED_CHANCE:
-        return alignment, found.chance
+        return alignment
     pose, covariance = prediction.expected.fuse(found.T_world_body, CORRELATED_CELLS * found.covariance)
-    return replace(alignment, T_world_camera=pose, covariance=covariance, reason=GOOD), found.chance
+    return replace(alignment, T_world_camera=pose, covariance=covariance, reason=GOOD)
 
 
 def hold_to(expected: Expectation, structure: Structure, alignment: Alignment) -> Structure:

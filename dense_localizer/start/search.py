@@ -117,8 +117,8 @@ class PoseSearch:
         if self._finding.reason is Reason.AMBIGUOUS:
             return
         if asks_all or not is_turned:
-            by_parts = self._startup.propose_by_parts(images)
-            yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
+            by_edges = self._startup.propose_by_edges(images)
+            yield [Prediction.guess(pose, experience=experience) for pose, experience in by_edges]
         if asks_all or is_turned:
             yield list(map(Prediction.guess, self._startup.propose_turned(images)))
 

@@ -37,7 +37,7 @@ from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_parts import PartsSearch
+from dense_localizer.start.by_edges import EdgeSearch
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import FINE, Reason, Verdict
@@ -60,7 +60,7 @@ class Startup:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references = references
         self._params = params
-        self._by_parts = PartsSearch(references, params.registration)
+        self._by_edges = EdgeSearch(references)
         self._count = 0
 
     def propose(self, images: Sequence[RigImage]) -> list[SE3]:
@@ -87,14 +87,14 @@ class Startup:
             nodes, placed = self._recognize(seen, [upright, *attitudes])
         return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
-    def propose_by_parts(self, images: Sequence[RigImage]) -> list[tuple[SE3, Experience]]:
+    def propose_by_edges(self, images: Sequence[RigImage]) -> list[tuple[SE3, Experience]]:
         """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.
 
         Return with each pose the experience that the image resembles there.
         """
         seen = images[(self._count - 1) % len(images)]
-        found = self._by_parts.propose(seen, find_attitude(seen, self._references.ground))
-        return [(seen.body(one.T_map_camera), one.node.experience) for one in select_distinct(found, NUM_VERIFIED)]
+        found = self._by_edges.propose(seen, find_attitude(seen, self._references.ground))
+        return [(seen.body(one.T_map_camera), one.node.experience) for one in found]
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""

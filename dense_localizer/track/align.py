@@ -20,7 +20,7 @@ def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams
     images, registration = chosen.covered, params.registration
     if not images:
         return None
-    if not (prediction.is_guess or prediction.is_fallback):
+    if not (prediction.is_guess or prediction.defies_odometry):
         first = find_first_level(prediction, chosen.choice, images[0].pyramid)
         registration = between(registration, coarsest=min(first, registration.pyramid.coarsest))
     motion = prediction.frame_motion(params.camera.readout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
+from dense_localizer.constants import NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.likeness import Tried
@@ -77,16 +77,7 @@ def is_better(one: PoseCandidate, other: PoseCandidate, references: References) 
 
 
 def _locate_each(predictions: Iterable[Prediction], locate: Locate, references: References) -> Iterator[PoseCandidate]:
-    """Yield the candidate of each prediction, the likeliest one's by all that may explain the image.
-
-    Parts of the view, which take longest, are asked while they may help: where from one prediction no more of them
-    agree than by chance, they rarely do from another one; that is tried for some images, then only the likeliest.
-    """
-    least: float | None = None
+    """Yield the candidate of each prediction, the likeliest one's by all that may explain the image."""
     for number, prediction in enumerate(predictions):
-        may_help = least is None or least <= MAX_HINT_CHANCE or prediction.age_s <= ASK_ALL_S
-        candidate = locate(prediction if may_help else replace(prediction, asks_parts=False), ())
-        if candidate.chance is not None:
-            least = candidate.chance if least is None else min(least, candidate.chance)
-        is_asked = number == 0 or candidate.is_accepted
-        yield _ask_otherwise(candidate, locate, references) if is_asked else candidate
+        candidate = locate(replace(prediction, asks_parts=prediction.asks_parts and number == 0), ())
+        yield _ask_otherwise(candidate, locate, references) if number == 0 or candidate.is_accepted else candidate

@@ -27,17 +27,14 @@ class InterFrame:
         self.images: tuple[RigImage, ...] = ()  # the last ones, placed or not
         self._usual: float | None = None  # mismatch of predictions
 
-    def measure(self, images: Sequence[RigImage]) -> SE3 | None:
-        """Return T_before_now of the body, a pure rotation, measured (eq. 20); None without images of one camera."""
-        return register_rig_rotation(images, self.images, self._params)
-
     def refine(self, images: Sequence[RigImage], T_before_now: SE3) -> SE3 | None:
-        """Return a measured rotation where the images do not support a predicted motion but do support that one."""
+        """Return a measured rotation (eq. 20) where images do not support a predicted motion but support that one."""
         predicted = measure_mismatch(images, self.images, T_before_now)
         if predicted is None:
             return None
         limit = None if self._usual is None else MAX_MISMATCH_RATIO * self._usual + MISMATCH_FLOOR
-        measured = None if limit is not None and predicted <= limit else self.measure(images)
+        is_supported = limit is not None and predicted <= limit
+        measured = None if is_supported else register_rig_rotation(images, self.images, self._params)
         residual = predicted if measured is None else measure_mismatch(images, self.images, measured)
         if residual is None or residual > MAX_ROTATION_MISMATCH * predicted:
             measured, residual = None, predicted

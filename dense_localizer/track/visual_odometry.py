@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     ANY_MAD,
-    COMPARISON_SIGMA,
     IMAGE_FORGETTING,
     MAX_LEVEL_PIXELS,
     MAX_PREDICTED,
     MIN_LIGHT_AGREEMENT,
     VO_DRIFT,
-    VO_GOOD_NCC,
     VO_MAX_S,
     VO_MAX_SIGMA_M,
     VO_MAX_SIGMAS,
@@ -40,7 +38,7 @@ from dense_localizer.track.align import find_first_level
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import Reason, Verdict
+from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -49,9 +47,6 @@ from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.params import between
 from sphere_nav.photometric.pixels.selection import choose_pixels
-
-CONTRADICTED = Verdict(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
-UNSUPPORTED = Verdict(Reason.OUTLIERS, detail="less like the map than before, and the last images say nothing")
 
 
 @dataclass(frozen=True)
@@ -105,21 +100,13 @@ class VisualOdometry:
         return self._way is not None and self._way.meters > 0.0
 
     def verify(self, frame: LocalizerInput, by_map: PoseCandidate, *, is_trusted: bool) -> PoseCandidate:
-        """Return the candidate of the map, or that of the last images where it is refused or contradicts them.
+        """Return the candidate of the map; where it is refused, that of the last images.
 
         Only a pose that `is_trusted` is propagated by images; else the refused candidate is returned.
         """
-        by_images = None
-        if by_map.is_accepted:
-            if self.is_needed and not by_map.is_by_range:  # which knows no light
-                by_images = self._propagate(frame.images, by_map.prediction, CONTRADICTED)
-                if not self._supports(by_map, by_images):
-                    by_map = by_map.refuse(CONTRADICTED if by_images else UNSUPPORTED)
-            if by_map.is_accepted:
-                return by_map
-        if not is_trusted:
+        if by_map.is_accepted or not is_trusted:
             return by_map
-        return by_images or self._propagate(frame.images, by_map.prediction, by_map.finding) or by_map
+        return self._propagate(frame.images, by_map.prediction, by_map.finding) or by_map
 
     def start(self, candidate: PoseCandidate, stamp_ns: int) -> None:
         """Begin anew at an image that the map has placed."""
@@ -129,21 +116,6 @@ class VisualOdometry:
             self._usual_ncc[by_contrast] += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
         self._last, self._way = candidate, Way(candidate.T_map_camera, candidate.covariance, stamp_ns)
         self._num_predicted = 0
-
-    def _supports(self, by_map: PoseCandidate, by_images: PoseCandidate | None) -> bool:
-        """Say whether a candidate by the map, after images without it, is one to believe.
-
-        It is where the last images place it (None: nowhere), but for their drift, or it resembles the map nearly as
-        images did before. Where images say nothing, local contrast that is good is believed: no light pulls it.
-        """
-        usual = self._usual_ncc[by_map.choice.by_contrast]
-        if self._way is None or (usual and by_map.ncc >= VO_GOOD_NCC * usual):
-            return True
-        if by_images is None:
-            return not usual or (by_map.choice.by_contrast and by_map.acceptance.is_good)
-        xi = (by_images.T_map_camera.inverse() @ by_map.T_map_camera).log()
-        sigma = COMPARISON_SIGMA + VO_DRIFT * self._way.meters
-        return float(np.sum((xi / sigma) ** 2)) <= VO_MAX_SIGMAS**2
 
     def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Verdict) -> PoseCandidate | None:
         """Place images that the map does not place, `cause` says why; None where the last ones do not, or no longer."""

@@ -27,11 +27,15 @@ from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler
 
 
 class Aspect(Flag):
-    """What may be checked of residuals: gradients, an occlusion, an illumination gradient."""
+    """What may be checked of residuals: gradients, an occlusion, an illumination gradient, each part of the view.
+
+    Parts are asked, too, where gradients agree little.
+    """
 
     FIT = auto()
     OCCLUSION = auto()
     ILLUMINATION = auto()
+    PARTS = auto()
 
 
 NOTHING = Aspect(0)
@@ -78,7 +82,8 @@ def find_rig_structure(
     cameras = sampler(pose)
     is_asked = Aspect.FIT in aspects
     found = Structure(float(np.mean([_agreement(usable) for _, usable in cameras]))) if is_asked else Structure()
-    if is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
+    is_unsure = is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC)
+    if is_unsure or Aspect.PARTS in aspects:
         found = replace(found, support=find_support(images, sampler, pose, params, T_predicted))
     if found.support.is_proven:
         sampler, pose = exclude_changes(images, sampler, params), pose @ SE3.exp(found.support.xi)

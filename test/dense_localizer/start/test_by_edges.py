@@ -6,7 +6,7 @@ import pytest
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_parts import GRID, PartsSearch, _cut
+from dense_localizer.start.by_edges import GRID, _cut
 from dense_localizer.start.search import PoseSearch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
