@@ -127,14 +127,13 @@ FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
 NUM_SEEN_POINTS = 100  # within the cone of a view, at least; 600 of a sphere are as many in a view of 80 degrees
 MIN_COARSE_PIXELS = 60  # of an alignment that only ranks guesses: a view of 30 degrees has 200 of a small sphere
-NUM_ALIGNED, NUM_VERIFIED = 12, 4  # best guesses that are aligned coarsely, and of them at full resolution
+NUM_ALIGNED, NUM_VERIFIED = 4, 4  # best guesses that are aligned coarsely, and of them at full resolution
 CLEAR_LEAD = 0.25  # of coarse correlation, by which the best guess leaves others behind: twice the margin of a start
 NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_EDGES = 48, 2, 2  # spheres compared by edges; headings of each; best ones tried
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
-NUM_NEAR = 6  # key spheres around a given or lost pose
+NUM_NEAR = 2  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
-NUM_WHOLE_SEARCHES = 2  # first ones of the whole map that ask everything each time (start/test_search)
-SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried
+SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.2, 2.0  # between two searches of the whole map; that a given or lost pose is tried
 
 # What else may explain an image (track/test_candidates)
 NUM_OTHER_EXPERIENCES = 3  # that are asked for an image which the one in use does not explain well

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import MAX_GUESS_M, NUM_WHOLE_SEARCHES, SEARCH_NEAR_S, SEARCH_PERIOD_S
+from dense_localizer.constants import MAX_GUESS_M, SEARCH_NEAR_S, SEARCH_PERIOD_S
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction
@@ -18,6 +18,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Reason
 
 Locate = Callable[[LocalizerInput, Prediction], PoseCandidate]
+NUM_KINDS = 3  # of searches in the whole map
 
 
 class PoseSearch:
@@ -40,7 +41,7 @@ class PoseSearch:
         self._T_odom_guess: SE3 | None = None  # odometry there
         self._guess_until_ns: int | None = None
         self._next_ns = self._num_near = self._num_whole = 0  # searches that have found nothing
-        self._is_requested = False
+        self._is_requested = self._is_near = False  # near: the last images were searched with near a pose
         self._finding = FINE
 
     def request(self, T_map_camera: SE3 | None) -> None:
@@ -63,13 +64,13 @@ class PoseSearch:
         if not (self.is_wanted and frame.images):
             return SearchResult(None, frame.finding)
         self._move_guess(frame.T_odom_camera)
-        result = SearchResult(None, self._finding)
-        for guesses in self._propose(frame):
-            result = decide([locate(frame, guess) for guess in guesses], self._params)
-            self._finding = result.finding
-            if result.candidate is not None:
-                self._references.adopt(result.candidate.choice)
-                break
+        guesses = self._propose(frame)
+        if not guesses:
+            return SearchResult(None, self._finding)
+        result = decide([locate(frame, guess) for guess in guesses], self._params)
+        self._finding = result.finding
+        if result.candidate is not None:
+            self._references.adopt(result.candidate.choice)
         return result
 
     def _move_guess(self, T_odom_camera: SE3 | None) -> None:
@@ -80,47 +81,51 @@ class PoseSearch:
             self._T_map_guess = self._T_map_guess @ self._T_odom_guess.inverse() @ T_odom_camera
         self._T_odom_guess = T_odom_camera
 
-    def _propose(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
-        """Yield poses to try: near a given or lost one, then in the whole map where that is due."""
+    def _propose(self, frame: LocalizerInput) -> list[Prediction]:
+        """Return poses to try with one instant: near a given or lost one, or in the whole map where that is due.
+
+        Where both are wanted, in turn.
+        """
         if self._T_map_guess is not None and self._guess_until_ns is None:
             self._guess_until_ns = frame.stamp_ns + int(SEARCH_NEAR_S * 1e9)
         if self._guess_until_ns is not None and frame.stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
-        if self._T_map_guess is not None:
-            yield self._propose_near(frame, self._T_map_guess)
-            is_gray = self._references.knows_contrast and not self._references.by_contrast
-            if is_gray and self._finding.reason is not Reason.AMBIGUOUS:  # by night grey levels lead away from it
-                yield [replace(Prediction.guess(self._T_map_guess, is_near=True), by_contrast=True)]
-        if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
-            self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
-            yield from self._propose_anywhere(frame)
+        is_due = frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested)
+        if self._T_map_guess is not None and not (is_due and self._is_near):
+            self._is_near = True
+            return self._propose_near(frame, self._T_map_guess)
+        self._is_near = False
+        return self._propose_anywhere(frame) if is_due else []
 
     def _propose_near(self, frame: LocalizerInput, T_map_guess: SE3) -> list[Prediction]:
         """Return a pose and others about it; parts of each image are asked of another one, the pose itself first.
 
-        It is one of them, as in another light grey levels that fit nowhere lead away from it.
+        It is one of them, as in another light grey levels that fit nowhere lead away from it; then it is tried by local
+        contrast, too.
         """
-        near = [T_map_guess, *self._startup.propose_near(frame.images, T_map_guess)]
+        near = [T_map_guess, *self._startup.propose_near(frame.images[self._num_near % len(frame.images)], T_map_guess)]
         asked, self._num_near = self._num_near % len(near), self._num_near + 1
         guesses = [Prediction.guess(pose, is_near=True) for pose in near]
-        return [replace(guess, asks_parts=number == asked) for number, guess in enumerate(guesses)]
+        guesses = [replace(guess, asks_parts=number == asked) for number, guess in enumerate(guesses)]
+        is_gray = self._references.knows_contrast and not self._references.by_contrast
+        return guesses + [replace(guesses[0], asks_parts=True, by_contrast=True)] * is_gray
 
-    def _propose_anywhere(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
-        """Yield poses of an upright camera, of one in another light, of a turned one; these in turn after a while.
+    def _propose_anywhere(self, frame: LocalizerInput) -> list[Prediction]:
+        """Return poses of an upright camera, of one in another light, of a turned one: in turn, each camera by each.
 
-        Who is lost for long mostly stands where no map is: to ask all each time would take a core for nothing.
+        Where two places look alike to an upright camera, only that is asked: another kind may know but one of them.
         """
-        images = frame.images
-        asks_all, is_turned = self._num_whole < NUM_WHOLE_SEARCHES, self._num_whole // len(images) % 2 == 0
-        self._num_whole += 1  # every camera serves once before the other is asked
-        yield list(map(Prediction.guess, self._startup.propose(images)))
+        self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
         if self._finding.reason is Reason.AMBIGUOUS:
-            return
-        if asks_all or not is_turned:
-            by_edges = self._startup.propose_by_edges(images)
-            yield [Prediction.guess(pose, experience=experience) for pose, experience in by_edges]
-        if asks_all or is_turned:
-            yield list(map(Prediction.guess, self._startup.propose_turned(images)))
+            self._num_whole += -self._num_whole % NUM_KINDS
+        rounds, kind = divmod(self._num_whole, NUM_KINDS)
+        self._num_whole += 1
+        seen = frame.images[rounds % len(frame.images)]
+        if kind == 0:
+            return list(map(Prediction.guess, self._startup.propose(seen)))
+        if kind == 1:
+            return [Prediction.guess(pose, experience=one) for pose, one in self._startup.propose_by_edges(seen)]
+        return list(map(Prediction.guess, self._startup.propose_turned(seen)))
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

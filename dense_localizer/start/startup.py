@@ -61,24 +61,20 @@ class Startup:
         self._references = references
         self._params = params
         self._by_edges = EdgeSearch(references)
-        self._count = 0
 
-    def propose(self, images: Sequence[RigImage]) -> list[SE3]:
+    def propose(self, seen: RigImage) -> list[SE3]:
         """Compare the key spheres that look like the image, where features place it and from many poses in each.
 
-        The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera. Of several cameras
-        each serves in turn.
+        The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera.
         """
-        seen, self._count = images[self._count % len(images)], self._count + 1
         attitude = find_attitude(seen, self._references.ground)
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
-    def propose_turned(self, images: Sequence[RigImage]) -> list[SE3]:
+    def propose_turned(self, seen: RigImage) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
-        seen = images[(self._count - 1) % len(images)]
         upright = find_attitude(seen, self._references.ground)
         turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
         attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
@@ -87,12 +83,11 @@ class Startup:
             nodes, placed = self._recognize(seen, [upright, *attitudes])
         return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
-    def propose_by_edges(self, images: Sequence[RigImage]) -> list[tuple[SE3, Experience]]:
+    def propose_by_edges(self, seen: RigImage) -> list[tuple[SE3, Experience]]:
         """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.
 
         Return with each pose the experience that the image resembles there.
         """
-        seen = images[(self._count - 1) % len(images)]
         found = self._by_edges.propose(seen, find_attitude(seen, self._references.ground))
         return [(seen.body(one.T_map_camera), one.node.experience) for one in found]
 
@@ -113,9 +108,8 @@ class Startup:
                 guesses += self._compare(seen, node, candidate_poses(coarse, self._params.start, camera, attitude))
         return select_best(guesses, count)
 
-    def propose_near(self, images: Sequence[RigImage], T_map_body: SE3) -> list[SE3]:
+    def propose_near(self, seen: RigImage, T_map_body: SE3) -> list[SE3]:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
-        seen, self._count = images[self._count % len(images)], self._count + 1
         guesses, T_map_camera = [], seen.pose(T_map_body)
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))

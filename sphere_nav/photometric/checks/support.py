@@ -19,7 +19,6 @@ from sphere_nav.estimation.gates import gate
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import linearize_samples, solve_robustly
@@ -28,9 +27,8 @@ from sphere_nav.photometric.constants import (
     MAX_CHANCE,
     MAX_PREDICTED_CHANCE,
     NUM_TRIED_MOTIONS,
-    PREDICTED_LEVELS,
 )
-from sphere_nav.photometric.params import RegistrationParams, between
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
 from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
 from sphere_nav.photometric.pixels.pyramid import Level
@@ -69,9 +67,8 @@ def find_support(
     """Return the support of an aligned pose; where it is not proven, that of a predicted one, which may be.
 
     What has changed can draw the alignment away from a prediction that was good, at coarse levels most of all: the
-    prediction is asked as it is, aligned at the finest levels alone, and moved as most cells are shifted. It needs a
-    smaller chance, as the alignment speaks against it. Either way the pose is the one that the agreeing cells find
-    from there.
+    prediction is asked as it is, and moved as most cells are shifted. It needs a smaller chance, as the alignment
+    speaks against it. Either way the pose is the one that the agreeing cells find from there.
     """
     levels = finest_levels(images, params)
     aligned = _follow(levels, sampler, T_world_body, params)
@@ -87,14 +84,11 @@ def find_support(
 def _predictions(
     images: Sequence[RigImage], sampler: Sampler, params: RegistrationParams, T_predicted: SE3
 ) -> Iterator[tuple[SE3, int]]:
-    """Yield poses from a prediction: as it is, aligned without the coarse levels, as most cells are shifted.
+    """Yield poses from a prediction: as it is, as most cells are shifted.
 
     With each, how many motions were tried to find it.
     """
     yield T_predicted, 1
-    for number in PREDICTED_LEVELS:
-        few = between(params, coarsest=params.pyramid.finest + number - 1)
-        yield register_rig(images, T_predicted, few).T_world_camera, 1
     xi = fit_motion(find_shifts(finest_levels(images, params), sampler(T_predicted)))
     if xi is not None:
         yield T_predicted @ SE3.exp(xi), NUM_TRIED_MOTIONS

@@ -46,7 +46,7 @@ def test_a_start_from_nowhere_is_found_in_another_light(references):
 def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monkeypatch):
     asked, panorama, pose = [], references.coarse.panorama, at(0.4, 0.1, 0.3)
     monkeypatch.setattr(references.coarse, "panorama", lambda one, way: asked.append(way) or panorama(one, way))
-    parts, image = PartsSearch(references, PARAMS.registration), seen(pose)
+    parts, image = EdgeSearch(references), seen(pose)
     for by_contrast in (False, True, False):
         asked.clear()
         best = parts.propose(image, SE3.identity())[0]
