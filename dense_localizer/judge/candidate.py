@@ -38,6 +38,7 @@ class PoseCandidate:
     is_by_map: bool = True  # else by the last images alone
     is_by_range: bool = False  # by geometry alone
     is_by_parts: bool = False  # parts of the view have proven it, however little the whole resembles the map
+    is_proven: bool = False  # so many parts agree that the place is right, where they were asked
 
     def refuse(self, finding: Verdict) -> PoseCandidate:
         """Return it as one that is not used."""
@@ -68,7 +69,7 @@ class PoseCandidate:
     @property
     def num_images(self) -> int:
         """How many images it counts for on probation."""
-        return PROVEN_IMAGES if self.is_by_parts else 1
+        return PROVEN_IMAGES if self.is_proven else 1
 
     @property
     def noise(self) -> NDArray[np.float64]:

@@ -84,7 +84,7 @@ class Integrity:
     def find_due(self, state: State) -> Aspect:
         """Return the checks due for the residuals of the next image."""
         if state not in TRUSTED:
-            return EVERYTHING | Aspect.PARTS
+            return EVERYTHING | Aspect.PLACE
         if state is not State.TRACKING or self._is_biased:
             return EVERYTHING
         return CHECKS_DUE.get(self._count % INTEGRITY_PERIOD, NOTHING)
@@ -128,8 +128,11 @@ class Integrity:
         limits = self._params.acceptance, registration.max_mad
         acceptance = assess(alignment, covariance, choice, prediction, *limits, structure)
         evidence = prediction, choice, acceptance, alignment, motion, images
-        is_by_parts = is_by_parts or (structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE)
-        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts)
+        found = structure or Structure()
+        is_by_parts = is_by_parts or found.support.chance <= MAX_PREDICTED_CHANCE
+        is_proven = is_by_parts or found.chance <= MAX_PREDICTED_CHANCE
+        judged = {"is_biased": is_biased, "is_by_parts": is_by_parts, "is_proven": is_proven}
+        return PoseCandidate(pose, covariance, *evidence, **judged)
 
     def _look_at(
         self,

@@ -71,6 +71,7 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
+        placed = placed[: NUM_ALIGNED // 2]
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
     def propose_turned(self, seen: RigImage) -> list[SE3]:
@@ -81,7 +82,8 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance):
             nodes, placed = self._recognize(seen, [upright, *attitudes])
-        return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
+        compared = placed[:NUM_ALIGNED] or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED)
+        return self._refine(seen, compared)
 
     def propose_by_edges(self, seen: RigImage) -> list[tuple[SE3, Experience]]:
         """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.

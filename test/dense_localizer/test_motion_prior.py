@@ -114,19 +114,14 @@ def test_a_measured_rotation_replaces_the_predicted_one():
     np.testing.assert_allclose(found.translation, truth[2].translation, atol=1e-12)
 
 
-def test_other_predictions_follow_where_the_likeliest_fails():
+def test_wheels_that_may_be_wrong_are_tried_without_once_the_likeliest_fails():
     rotations = Rotations(measured=SE3.exp([0, 0, 0, 0.2, 0.1, 0]))
     prior, truth = moving(rotations)
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
     predictions = prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION))
-    likeliest = next(predictions)
+    likeliest, by_velocity = predictions
     assert_same(likeliest.T_map_camera, truth[2])
-    assert not likeliest.is_fallback
-    assert rotations.num_measured == 0
-    turned, by_velocity, standing = predictions
-    assert all(other.is_fallback for other in (turned, by_velocity, standing))
     assert by_velocity.finding.reason == "ODOM_STALE"
-    assert_same(standing.T_map_camera, truth[1])
     assert likeliest.finding.reason == ""
     assert replace(likeliest, step_s=0.5).finding.reason == "GAP"
 
@@ -140,7 +135,6 @@ def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
     assert_same(rotations.motions[0], MOTION)
     expected = truth[1] @ SE3.from_parts(turn.rotation, MOTION.translation)
     assert_same(first.T_map_camera, expected)
-    assert not first.is_fallback
 
 
 def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
@@ -148,7 +142,6 @@ def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
     prior.correct(truth[1], TIGHT, STEP_NS)
     prior.correct(truth[2], TIGHT, 2 * STEP_NS, is_by_map=False)
     assert prior.age(3 * STEP_NS) == pytest.approx(2e-9 * STEP_NS)
-    assert prior.predict(3 * STEP_NS).age_s == pytest.approx(2e-9 * STEP_NS)
     assert_same(prior.last.T_map_camera, truth[2])
 
 

@@ -23,19 +23,17 @@ from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occl
 from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, exclude_changes, find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.parts.votes import finest_levels, vote
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines, sample_views
 
 
 class Aspect(Flag):
-    """What may be checked of residuals: gradients, an occlusion, an illumination gradient, each part of the view.
-
-    Parts are asked, too, where gradients agree little.
-    """
+    """What may be checked of residuals: gradients, an occlusion, an illumination gradient, how likely the place is."""
 
     FIT = auto()
     OCCLUSION = auto()
     ILLUMINATION = auto()
-    PARTS = auto()
+    PLACE = auto()
 
 
 NOTHING = Aspect(0)
@@ -49,13 +47,14 @@ class Structure:
     agreement is the mean cosine -1...1 between the gradients of image and references. illumination and occlusion are
     the biases of the pose by a gradient of the light over the view, and by what hides a part of it. support is what the
     parts of the view say where the mean agreement is low; where it is proven, the pose without the other parts is in
-    it, and no occlusion is looked for.
+    it, and no occlusion is looked for. chance is how probably as many parts agree in a wrong place.
     """
 
     agreement: float = 1.0
     illumination: PoseBias = NO_BIAS
     occlusion: PoseBias = NO_BIAS
     support: Support = NO_SUPPORT
+    chance: float = 1.0
 
 
 def find_rig_structure(
@@ -82,9 +81,11 @@ def find_rig_structure(
     cameras = sampler(pose)
     is_asked = Aspect.FIT in aspects
     found = Structure(float(np.mean([_agreement(usable) for _, usable in cameras]))) if is_asked else Structure()
-    is_unsure = is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC)
-    if is_unsure or Aspect.PARTS in aspects:
-        found = replace(found, support=find_support(images, sampler, pose, params, T_predicted))
+    if is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
+        support = find_support(images, sampler, pose, params, T_predicted)
+        found = replace(found, support=support, chance=support.chance)
+    elif Aspect.PLACE in aspects:
+        found = replace(found, chance=vote(finest_levels(images, params), cameras).chance)
     if found.support.is_proven:
         sampler, pose = exclude_changes(images, sampler, params), pose @ SE3.exp(found.support.xi)
         cameras = sampler(pose) if Aspect.ILLUMINATION in aspects else cameras

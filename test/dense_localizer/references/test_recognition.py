@@ -30,7 +30,7 @@ def test_a_large_map_is_searched_by_what_it_looks_like():
     references = References(MemoryMap(nodes), PARAMS)
     number, pose = 15, at(0.2, 0.1, 3.0)
     images = [RigImage(build_pyramid(ROOMS[number].photograph(LENS, pose, 3), LENS, PARAMS.registration.pyramid))]
-    poses = Startup(references, PARAMS).propose(images)
+    poses = Startup(references, PARAMS).propose(images[0])
     start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
     assert start.candidate is not None
     distance, angle = start.candidate.T_map_camera.distance(SE3.from_planar(GAP * number, 0, 0) @ pose)

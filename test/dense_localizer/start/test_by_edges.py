@@ -6,7 +6,7 @@ import pytest
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_edges import GRID, _cut
+from dense_localizer.start.by_edges import GRID, EdgeSearch, _cut
 from dense_localizer.start.search import PoseSearch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
@@ -35,28 +35,28 @@ def seen(pose, seed=3):
 
 def test_a_start_from_nowhere_is_found_in_another_light(references):
     search, pose = PoseSearch(references, PARAMS), at(0.4, 0.1, 0.3)
-    frame = LocalizerInput(10**9, images=(seen(pose),))
-    result = search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
+    for k in range(2):  # by grey levels, then by edges
+        frame = LocalizerInput(10**9 + k * 200_000_000, images=(seen(pose),))
+        result = search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
     assert result.candidate is not None
     assert result.candidate.is_by_parts
     assert result.candidate.T_map_camera.distance(pose) < (0.06, 0.02)
 
 
-@pytest.mark.slow
-def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monkeypatch):
-    asked, panorama, pose = [], references.coarse.panorama, at(0.4, 0.1, 0.3)
-    monkeypatch.setattr(references.coarse, "panorama", lambda one, way: asked.append(way) or panorama(one, way))
-    parts, image = EdgeSearch(references), seen(pose)
-    for by_contrast in (False, True, False):
-        asked.clear()
-        best = parts.propose(image, SE3.identity())[0]
-        assert set(asked) == {by_contrast}
-        assert best.T_map_camera.distance(pose)[0] < 0.3
+def test_edges_say_at_which_heading_to_try_the_sphere_and_before_and_behind_it(references):
+    pose = at(0.4, 0.1, 0.3)
+    tried = EdgeSearch(references).propose(seen(pose), SE3.identity())
+    middle, behind, before = (one.T_map_camera for one in tried[:3])
+    assert middle.distance(references.node(tried[0].node.id).T_map_sphere)[0] == pytest.approx(0.0, abs=1e-9)
+    assert middle.distance(pose)[1] < 0.06
+    reach = 0.2 * references.coarse[tried[0].node.id].typical_range_m
+    for sign, place in ((-1.0, behind), (1.0, before)):
+        np.testing.assert_allclose((middle.inverse() @ place).translation, [0.0, 0.0, sign * reach], atol=1e-9)
 
 
 def test_what_is_cut_of_an_image_is_its_edges_or_those_of_its_contrast(monkeypatch):
     image, cut = seen(at(0.4, 0.1, 0.3)).pyramid, []
-    monkeypatch.setattr("dense_localizer.start.by_parts.cut_view", lambda picture, camera, _: cut.append(camera))
+    monkeypatch.setattr("dense_localizer.start.by_edges.cut_view", lambda picture, camera, _: cut.append(camera))
     for by_contrast in (False, True):
         _cut(image, SE3.identity(), by_contrast=by_contrast)
     assert cut[0] == CAMERA

@@ -3,13 +3,12 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from dense_localizer.constants import NUM_WHOLE_SEARCHES, SEARCH_PERIOD_S
+from dense_localizer.constants import SEARCH_PERIOD_S
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.start.startup import SearchResult
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.params import build
@@ -19,7 +18,7 @@ from sphere_nav.spheres.graph import Experience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at, locate
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
-BY_PARTS, TURNED, SNOW = at(1.0), at(2.0), Experience("snow")
+BY_EDGES, TURNED, SNOW = at(1.0), at(2.0), Experience("snow")
 
 
 def pyramid_at(room, pose, seed=3):
@@ -31,7 +30,7 @@ def asked(room, room_map, monkeypatch):
     """Return what lists the guesses that each of several images has tried in vain."""
     references = References(room_map, PARAMS)
     search = PoseSearch(references, PARAMS)
-    monkeypatch.setattr(search._startup, "propose_by_parts", lambda *_: [(BY_PARTS, SNOW)])
+    monkeypatch.setattr(search._startup, "propose_by_edges", lambda *_: [(BY_EDGES, SNOW)])
     monkeypatch.setattr(search._startup, "propose_turned", lambda *_: [TURNED])
 
     def ask(count, step_s, reason=Reason.LOW_OVERLAP):
@@ -65,17 +64,15 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
     search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
     assert tried[0].T_map_camera is given
     assert len(tried) > 1
-    assert not any(one.by_contrast for one in tried)  # it was found by grey levels
+    assert [bool(one.by_contrast) for one in tried] == [False] * (len(tried) - 1) + [True]
     references.close()
 
 
-@pytest.mark.parametrize(("reason", "number"), [(Reason.LOW_OVERLAP, 1), (Reason.AMBIGUOUS, 0)])
-def test_a_given_pose_that_grey_levels_refuse_is_asked_by_contrast(asked, monkeypatch, reason, number):
+def test_a_given_pose_is_asked_by_contrast_too(asked):
     search, ask = asked
-    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Verdict(reason)))
     search.request(at(0.3))
     (tried,) = ask(1, 0.0)
-    assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == number
+    assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == 1
 
 
 @pytest.mark.parametrize(("away_m", "is_refused"), [(9.9, False), (10.1, True)])
@@ -86,19 +83,36 @@ def test_a_pose_far_from_all_key_spheres_is_refused(room_map, away_m, is_refused
         search.request(far)
 
 
-def test_a_lost_pose_is_tried_at_once_for_two_seconds_and_the_whole_map_every_half(asked):
+def test_a_lost_pose_is_tried_in_turn_with_the_whole_map_for_two_seconds(asked):
     search, ask = asked
     search.start_near(at(0.25), LocalizerInput(10**9))
-    rounds = ask(10, 0.25)
-    assert [any(one.is_near for one in tried) for tried in rounds] == [True] * 9 + [False]
-    assert [any(not one.is_near for one in tried) for tried in rounds] == [True, False] * 5
+    rounds = ask(14, SEARCH_PERIOD_S)
+    near = [all(one.is_near for one in tried) for tried in rounds]
+    assert near == [True, False] * 5 + [True] + [False] * 3
+    search.start_near(at(0.25), LocalizerInput(10**9))
+    assert [len(tried) > 0 for tried in ask(3, 0.25 * SEARCH_PERIOD_S)] == [True] * 3  # at once
 
 
-def test_a_vehicle_lost_for_long_is_searched_for_in_another_light_and_turned(asked):
+def test_a_vehicle_is_searched_for_upright_in_another_light_and_turned_in_turn(asked):
     _, ask = asked
-    rounds = ask(NUM_WHOLE_SEARCHES + 4, SEARCH_PERIOD_S)
-    found = [(any(one.T_map_camera is T for one in tried)) for tried in rounds for T in (BY_PARTS, TURNED)]
-    pairs = list(zip(found[::2], found[1::2], strict=True))
-    assert pairs[:NUM_WHOLE_SEARCHES] == [(True, True)] * NUM_WHOLE_SEARCHES
-    assert sorted(pairs[-2:]) == sorted(pairs[-4:-2]) == [(False, True), (True, False)]
-    assert all(len(tried) > 1 for tried in rounds)  # upright ones each time
+    rounds = ask(6, SEARCH_PERIOD_S)
+    found = [[any(one.T_map_camera is T for one in tried) for T in (BY_EDGES, TURNED)] for tried in rounds]
+    assert found == 2 * [[False, False], [True, False], [False, True]]
+    assert rounds[0]
+    assert sum(len(tried) > 0 for tried in ask(6, 0.5 * SEARCH_PERIOD_S)) == 3  # a due one, then none
+
+
+def test_where_two_places_look_alike_no_other_kind_of_search_is_asked(asked):
+    _, ask = asked
+    rounds = ask(4, SEARCH_PERIOD_S, Reason.AMBIGUOUS)
+    assert not any(one.T_map_camera in (BY_EDGES, TURNED) for tried in rounds for one in tried)
+    assert all(rounds)
+
+
+def test_of_several_cameras_each_serves_for_every_way_to_look(room_map, monkeypatch):
+    search, served = PoseSearch(References(room_map, PARAMS), PARAMS), []
+    for name in ("propose", "propose_by_edges", "propose_turned"):
+        monkeypatch.setattr(search._startup, name, lambda seen: served.append(seen) or [])
+    for k in range(7):
+        search.find(LocalizerInput(10**9 + k * 10**9, images=tuple("ab")), None)
+    assert "".join(served) == "aaabbba"

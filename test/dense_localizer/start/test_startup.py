@@ -28,7 +28,8 @@ def pyramid_at(room, pose, seed=3):
 def find_start(references, pyramid, T_map_guess=None):
     """Search near a pose, or everywhere, as the localizer does."""
     startup, images = Startup(references, PARAMS), [RigImage(pyramid)]
-    poses = startup.propose(images) if T_map_guess is None else startup.propose_near(images, T_map_guess)
+    (seen,) = images
+    poses = startup.propose(seen) if T_map_guess is None else startup.propose_near(seen, T_map_guess)
     return decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
 
 
@@ -42,7 +43,7 @@ def test_the_camera_is_found_anywhere_at_any_heading(room, room_map):
 def test_a_camera_turned_about_its_axis_is_found(room, room_map):
     references, pose = References(room_map, PARAMS), at(0.2, 0.1, 0.4) @ about_axis(-70.0)
     images = [RigImage(pyramid_at(room, pose))]
-    poses = Startup(references, PARAMS).propose_turned(images)
+    poses = Startup(references, PARAMS).propose_turned(images[0])
     start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
     assert start.candidate is not None
     assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
@@ -54,7 +55,7 @@ def test_a_camera_is_found_at_once_where_its_mounting_is_known(room, room_map, r
     references, pose = References(room_map, PARAMS), SE3.from_planar(-0.7, 0.1, 1.9) @ T_base_body
     images = [RigImage(pyramid_at(room, pose))]
     references.ground.T_base_body = T_base_body
-    poses = Startup(references, PARAMS).propose(images)
+    poses = Startup(references, PARAMS).propose(images[0])
     start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
     assert start.candidate is not None
     assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
@@ -72,7 +73,7 @@ def test_a_camera_far_below_the_mapping_one_is_looked_for_where_it_is(room):
     pose = SE3.from_planar(0.1, 0.2, 1.3) @ SE3.from_parts(np.eye(3), [0.0, 0.0, -1.1]) @ T_base_camera
     seen = RigImage(pyramid_at(room, pose))
     assert find_attitude(seen, references.ground).translation[2] == pytest.approx(-1.0)
-    for poses in (Startup(references, PARAMS).propose([seen]), Startup(references, PARAMS).propose_near([seen], pose)):
+    for poses in (Startup(references, PARAMS).propose(seen), Startup(references, PARAMS).propose_near(seen, pose)):
         assert poses[0].distance(pose) < (0.1, 0.05)
         assert all(abs(one.translation[2] + 1.0) < 0.1 for one in poses)
 
@@ -143,17 +144,6 @@ def test_guesses_that_are_clearly_behind_are_not_aligned_at_full_resolution(monk
     monkeypatch.setattr(startup, "_align", lambda seen, guess: guess)
     poses = startup._refine(RigImage(None), guesses)
     assert [round(float(pose.translation[0])) for pose in poses] == [1, 3]
-
-
-def test_of_three_cameras_each_serves_in_turn_and_for_every_way_to_look(monkeypatch):
-    startup, seen = Startup(SimpleNamespace(nodes=[], appearance=(), ground=None), PARAMS), []
-    monkeypatch.setattr("dense_localizer.start.startup.find_attitude", lambda image, ground: SE3.identity())
-    monkeypatch.setattr(startup, "_refine", lambda image, guesses: seen.append(image))
-    monkeypatch.setattr(startup, "_by_parts", SimpleNamespace(propose=lambda image, _: seen.append(image) or []))
-    for _ in range(4):
-        for propose in (startup.propose, startup.propose_turned, startup.propose_by_parts):
-            propose("abc")
-    assert "".join(seen) == "aaabbbcccaaa"
 
 
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):

@@ -44,7 +44,7 @@ def test_a_sure_prediction_saves_levels_and_a_fallback_or_a_guess_takes_all(room
     image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
     sure = Prediction(pose @ SE3.exp([0.003, 0, 0, 0, 0.002, 0]), 1e-8 * np.eye(6), 0)
     references, iterations = References(room_map, PARAMS), []
-    for prediction in (sure, replace(sure, is_fallback=True), Prediction.guess(sure.T_map_camera)):
+    for prediction in (sure, replace(sure, defies_odometry=True), Prediction.guess(sure.T_map_camera)):
         found = align_rig(references.choose_rig([image], prediction), prediction, PARAMS)
         assert found.T_world_camera.distance(pose) < (0.015, 0.008)
         iterations.append(found.iterations)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, NUM_OTHER_EXPERIENCES
+from dense_localizer.constants import NUM_OTHER_EXPERIENCES
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.candidates import find_candidate
 from sphere_nav.geometry import SE3
@@ -186,46 +186,28 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
     asked = []
 
     def locate(prediction, tried):
-        asked.append((prediction.is_fallback, tried))
+        asked.append((prediction.defies_odometry, tried))
         return (
-            candidate(0.7, (10,), prediction) if tried and not prediction.is_fallback else candidate(-1.0, (0,), HERE)
+            candidate(0.7, (10,), prediction)
+            if tried and not prediction.defies_odometry
+            else candidate(-1.0, (0,), HERE)
         )
 
-    assert find_candidate([HERE, replace(HERE, is_fallback=True)], locate, Days()).choice.ids == (10,)
+    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], locate, Days()).choice.ids == (10,)
     assert asked == [(False, ()), (False, ("day",))]
     asked.clear()
 
     def fails(prediction, tried):
-        asked.append((prediction.is_fallback, tried))
-        return NOTHING if tried or not prediction.is_fallback else candidate(0.7, (0,), prediction)
+        asked.append((prediction.defies_odometry, tried))
+        return NOTHING if tried or not prediction.defies_odometry else candidate(0.7, (0,), prediction)
 
-    assert find_candidate([HERE, replace(HERE, is_fallback=True)], fails, Days()).choice.ids == (0,)
+    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], fails, Days()).choice.ids == (0,)
     assert asked == [(False, ()), (True, ())]
     asked.clear()
 
     def refuses(prediction, tried):
         asked.append(tried)
-        return candidate(-1.0, (0,), prediction) if prediction.is_fallback else NOTHING
+        return candidate(-1.0, (0,), prediction) if prediction.defies_odometry else NOTHING
 
-    assert not find_candidate([HERE, replace(HERE, is_fallback=True)], refuses, Days()).is_accepted
+    assert not find_candidate([HERE, replace(HERE, defies_odometry=True)], refuses, Days()).is_accepted
     assert asked == [(), ()]  # of one that is less likely others are not asked
-
-
-@pytest.mark.parametrize(
-    ("chances", "age_s", "asked"),
-    [
-        ((0.3, 0.3, 0.3), 1.1 * ASK_ALL_S, [True, False, False]),
-        ((0.5 * MAX_HINT_CHANCE, 0.3, 0.3), 9.0, [True, True, True]),
-        ((None, 0.3, 0.3), 9.0, [True, True, False]),
-    ],
-)
-def test_parts_of_the_view_are_asked_of_other_predictions_while_they_may_help(chances, age_s, asked):
-    told, left = [], list(chances)
-
-    def locate(prediction, tried):
-        told.append(prediction.asks_parts)
-        return candidate(-1.0, (), prediction, left.pop(0) if prediction.asks_parts else None)
-
-    first = replace(Prediction.guess(SE3.identity(), is_near=True), age_s=age_s)
-    find_candidate([first, replace(first, is_fallback=True), replace(first, is_fallback=True)], locate, Days())
-    assert told == asked

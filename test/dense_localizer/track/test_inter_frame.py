@@ -34,7 +34,6 @@ def test_a_prediction_that_is_right_is_supported_and_a_wrong_one_is_not(room, ca
 def test_without_images_of_the_same_camera_nothing_is_said(room):
     inter, image = InterFrame(PARAMS), image_at(room, at(0.0))
     assert inter.refine([image], SE3.identity()) is None
-    assert inter.measure([image]) is None
 
 
 def test_five_degrees_and_fifty_pixels_between_images_at_15_hz_are_tracked(room, room_map):

@@ -66,12 +66,6 @@ def track(room, maps):
     return made
 
 
-def pulled(by_map, off_m):
-    """Return a candidate as one that resembles the map little and is off."""
-    T = by_map.T_map_camera @ SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return replace(by_map, T_map_camera=T, alignment=replace(by_map.alignment, ncc=0.5))
-
-
 def hidden(by_map):
     return by_map.refuse(Verdict(Reason.OUTLIERS))
 
@@ -88,17 +82,6 @@ def test_where_the_map_is_of_another_place_the_last_image_places_and_its_errors_
         steps.append(np.trace(found.alignment.covariance))
         exact = replace(track.visual_odometry._way, noise=None).covariance_at(found.T_map_camera)
         assert np.trace(found.covariance - exact) == pytest.approx(sum(steps), rel=0.2)
-
-
-def test_a_map_that_contradicts_the_last_images_is_believed_where_they_are(track):
-    track.see(at(0.08), hidden)
-    by_map, found = track.see(at(0.1), lambda one: pulled(one, 0.5))  # as by a lamp: it fits badly, and elsewhere
-    assert (by_map.is_accepted, found.is_by_map) == (True, False)
-    assert found.finding.reason is Reason.JUMP_REJECTED
-    assert found.T_map_camera.distance(at(0.1)) < (0.02, 0.01)
-    assert track.see(at(0.12), lambda one: pulled(one, 0.0))[1].is_by_map  # where the last images say
-    assert not track.visual_odometry.is_needed
-    assert track.see(at(0.14), lambda one: pulled(one, 0.5))[1].is_by_map  # nothing speaks against it
 
 
 def test_images_alone_place_what_is_trusted_and_recent_for_a_stated_way(track):
