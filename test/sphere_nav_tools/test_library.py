@@ -101,11 +101,6 @@ def test_images_are_placed_and_the_pose_is_where_the_view_looks_the_same(demo):
                 call()
 
 
-def test_an_option_that_the_command_has_not_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="mcl: expected an option of the command, found --colour=red"):
-        sphere_nav.mcl(tmp_path, tmp_path, colour="red")
-
-
 EXAMPLES = {
     "timeline": ("drive",),
     "where_am_i": ("map", "teach"),

@@ -1,6 +1,5 @@
 """The page's parts: what is heard, who confirms, what is told in words, what is drawn for one browser."""
 
-import json
 import re
 import sys
 from contextlib import nullcontext
@@ -21,25 +20,8 @@ from sphere_nav_tools.cli.operate.ground import add_colors, closed, ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
-from sphere_nav_tools.cli.operate.places import network_of
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, timeline
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--token", "short"], "--token: expected 8 characters or more, found 5"),
-        (["--folder", "none"], "expected a folder"),
-    ],
-)
-def test_misuse_is_one_line(tmp_path, monkeypatch, capsys, words, message):
-    pytest.importorskip("viser")
-    monkeypatch.chdir(tmp_path)
-    assert main(["operate", *words]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, timeline
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
@@ -90,17 +72,6 @@ def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch,
     monkeypatch.setattr(words.time, "monotonic", lambda: now + later)
     text = banner(seen)
     assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
-
-
-def test_places_are_the_points_with_a_name():
-    gate = {"type": "Feature", "properties": {"id": 3, "names": ["gate", "home"]}}
-    features = [gate | {"geometry": {"type": "Point", "coordinates": [1, 2]}}]
-    features += [{"type": "Feature", "properties": {"id": 7}, "geometry": {"type": "Point", "coordinates": [3, 4]}}]
-    features += [{"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": []}}]
-    found = places_of(json.dumps({"type": "FeatureCollection", "features": features}))
-    assert found == [("gate", 1.0, 2.0), ("home", 1.0, 2.0)]
-    with pytest.raises(ValueError, match="network: expected JSON"):
-        places_of("{")
 
 
 def test_an_uncertain_pose_is_drawn_two_deviations_wide_along_its_axes():
@@ -206,11 +177,6 @@ def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
     assert re.findall(r"(?<![.\w])addEventListener", script) == []  # in an attribute that would be the picture's own
 
 
-def test_a_map_without_a_taught_path_has_no_places(tmp_path):
-    with pytest.raises(ValueError, match="expected a map with a taught path, found none"):
-        network_of(tmp_path, None)
-
-
 def test_a_cell_has_the_mean_of_what_was_seen_there():
     sums = np.zeros((4, 4))
     add_colors(sums, np.array([2, 2, 3]), np.array([[10, 20, 30], [30, 40, 50], [7, 7, 7]], np.uint8))
@@ -295,11 +261,6 @@ def chart():
     return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
 
 
-def test_a_browser_that_comes_late_looks_from_above(chart):
-    camera = chart.client.camera
-    assert (camera.position, camera.look_at) == ((0.0, -0.5, 25.0), (0.0, 0.0, 0.0))
-
-
 def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     covariance = np.diag([0.09, 0.01])
     chart._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
@@ -327,15 +288,6 @@ def test_the_way_ahead_begins_where_the_vehicle_is():
     assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
     assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
     assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
-
-
-def test_a_click_is_a_cross_and_a_drag_an_arrow_whose_head_is_at_its_end(chart):
-    chart.mark("click", [(2.0, 1.0)])
-    chart.mark("drag", [(0.0, 0.0), (4.0, 0.0)])
-    cross, arrow = (values["points"] for _, name, values in chart.client.scene.added if name in ("/click", "/drag"))
-    np.testing.assert_allclose(cross[:, 0, :2], [[1.4, 0.4], [2.6, 1.6], [2.0, 1.0], [2.6, 0.4]], atol=1e-6)
-    np.testing.assert_allclose(cross[-1, 1], [1.4, 1.6, 0.7], atol=1e-6)
-    np.testing.assert_allclose(arrow[:, 1, :2], [[4, 0], [3, 0.6], [4, 0], [3, -0.6]], atol=1e-6)
 
 
 def test_what_has_not_changed_is_drawn_once(chart):

@@ -349,7 +349,9 @@ def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
     wait_until(lambda: not link._cancels[0].service_is_ready())
 
 
-def test_stop_ends_a_mission_that_the_command_line_has_begun(yard, follower, navigator, command_line):
+def test_stop_ends_a_mission_of_the_command_line_and_is_confirmed_where_follower_and_navigator_both_have_stopped(
+    yard, follower, navigator, command_line, monkeypatch
+):
     command_line.wait_for_server(WAIT_S)
     sent = command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: navigator.asked == ["gate"] and sent.done())
@@ -358,13 +360,7 @@ def test_stop_ends_a_mission_that_the_command_line_has_begun(yard, follower, nav
     assert yard[1].command("stop") == "stop: STOPPED"
     wait_until(ended.done)
     assert (ended.result().status, ended.result().result.reason) == (GoalStatus.STATUS_CANCELED, "canceled")
-
-
-def test_stop_is_confirmed_only_where_follower_and_navigator_both_have_stopped(
-    yard, follower, navigator, command_line, monkeypatch
-):
     monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
-    command_line.wait_for_server(WAIT_S)
     command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: yard[1].seen.mission == "DRIVING")
     navigator.does_cancel = False

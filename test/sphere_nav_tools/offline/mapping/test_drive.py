@@ -197,9 +197,6 @@ def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_t
     np.testing.assert_allclose((found @ T_base_sphere.inverse()).matrix, expected.matrix, atol=1e-9)
 
 
-# Written out: imported, a change would go unseen.
-
-
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:
