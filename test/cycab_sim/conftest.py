@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from cycab_sim import simulator as simulator_module
-from cycab_sim.params import LightParams, RenderParams, SimCameraParams, SimParams, SphereParams
-from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.params import RenderParams, SimCameraParams, SimParams, SphereParams
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT, PLASTERS
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
@@ -48,18 +47,6 @@ def describe(*parts):
 @pytest.fixture(scope="session")
 def fingerprint():
     return describe
-
-
-@pytest.fixture(scope="session")
-def town():
-    """Mesh and plan of a town."""
-    return town_of(SEED)
-
-
-@pytest.fixture(scope="session")
-def town_renderer(town):
-    # a coarse shadow map: its resolution is no matter of these tests, its price is
-    return Renderer(town[0], RenderParams(shadow_texel=0.25), LightParams())
 
 
 @pytest.fixture(scope="session")

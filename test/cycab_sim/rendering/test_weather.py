@@ -9,7 +9,6 @@ from cycab_sim.rendering.weather import PixelView, Weather
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT
 from cycab_sim.world.mesh import MeshBuilder
-from cycab_sim.world.texture import kernels as materials
 from sphere_nav.geometry import SE3, Pinhole
 
 CAMERA = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
@@ -50,20 +49,6 @@ def test_snow_lies_on_upward_faces_only_and_changes_no_range(box_mesh):
     on_face = np.isfinite(range_m) & ~on_ground
     np.testing.assert_array_equal(bare[on_face], snowy[on_face])
     assert np.median((snowy / bare)[on_ground]) > 3.0
-
-
-def test_wet_ground_is_darker_and_mirrors_what_stands_on_it(box_mesh):
-    light = LightParams(overcast=1.0, sun="100,12h")
-    dry, range_m = radiance(box_mesh, light)
-    wet, same = radiance(box_mesh, light, SeasonParams(wet=1.0))
-    np.testing.assert_array_equal(range_m, same)
-    assert 0.45 < np.median((wet / dry)[100:, :, 1]) < 0.75  # at the feet
-    colors = box_mesh.colors.copy()
-    colors[box_mesh.kinds[:, 0] == materials.PLASTER] = 0.0  # the box
-    mirrored, _ = radiance(replace(box_mesh, colors=colors), light, SeasonParams(wet=1.0))
-    grazing, beside = (slice(90, 96), slice(72, 88)), (slice(90, 96), slice(5, 30))  # before the box, and away from it
-    assert mirrored[grazing].mean() < 0.97 * wet[grazing].mean()  # a black box is seen in the ground
-    np.testing.assert_allclose(mirrored[beside], wet[beside], rtol=1e-6)
 
 
 def test_an_overcast_sky_is_gray_brightest_overhead_and_without_shadows(box_mesh):

@@ -20,6 +20,7 @@ from sphere_nav_tools.cli.operate.ground import add_colors, closed, ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
+from sphere_nav_tools.cli.operate.places import network_of
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, timeline
 
@@ -175,6 +176,11 @@ def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
     assert "document.documentElement.appendChild" in script
     assert "fetch('/' + token + '/emergency_stop'" in script
     assert re.findall(r"(?<![.\w])addEventListener", script) == []  # in an attribute that would be the picture's own
+
+
+def test_a_map_without_a_taught_path_has_no_places(tmp_path):
+    with pytest.raises(ValueError, match="expected a map with a taught path, found none"):
+        network_of(tmp_path, None)
 
 
 def test_a_cell_has_the_mean_of_what_was_seen_there():
