@@ -20,12 +20,6 @@ def test_a_pose_counts_by_what_it_was_told_to_be_off():
     assert cells(row, found)[-4:] == ("50.0 mm", "100 mm", "50.0%", "1 LOST")
 
 
-def test_nothing_is_met_by_a_drive_without_a_pose():
-    nothing = Found(5, 0.0, np.nan, "5 SEARCHING", np.empty((0, 6)), np.empty(0))
-    assert not any(bound.is_met for bound in judge(ROWS[0], nothing, "")[:3])
-    assert cells(ROWS[0], nothing)[-2:] == ("nan%", "5 SEARCHING")
-
-
 def test_a_wrong_lens_is_met_by_what_names_or_withholds_the_pose_and_a_right_one_by_what_does_not_name_it():
     wrong = next(one for one in ROWS if one.longer)
     told, trusted = (Found(5, share, 0.2, "4 DEGRADED BAD_INFO", np.zeros((1, 6)), np.zeros(1)) for share in (0.2, 0.4))

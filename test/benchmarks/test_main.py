@@ -43,13 +43,6 @@ def test_help_names_what_there_is_and_imports_no_benchmark(words):
     assert "missions" in said.stdout
 
 
-def test_a_wrong_group_or_name_is_refused(capsys):
-    assert main.main(["driving"]) == 2
-    with pytest.raises(SystemExit):
-        main.main(["drive", "fly"])
-    assert "found fly" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("error", "code"), [(ValueError("expected two, found one"), 2), (KeyError("x"), 1)])
 def test_what_is_refused_is_told_from_what_broke(error, code, capsys, monkeypatch, tmp_path):
     def measure(options):

@@ -127,13 +127,6 @@ def test_an_image_whose_depth_stays_away_gives_no_sphere():
     assert found.stamp_ns == 1_300_000_000
 
 
-def test_a_damaged_compressed_image_is_refused_and_counted():
-    topic, message = compress("image_raw", next(m for t, m in rgbd(3) if t == "image_raw"))
-    message.data = bytes(message.data[:50])
-    node = caught("rgbd", (topic, message), transport="compressed")
-    assert [wanted.num_refused for wanted in node.inputs if wanted.topic == topic] == [1]
-
-
 def test_a_driver_decides_the_input_unless_it_has_no_range():
     assert with_driver_input(SphereMapperParams(driver="zed_stereo")).input == "stereo"
     assert with_driver_input(SphereMapperParams(driver="zed_stereo", input="rgbd")).input == "rgbd"
