@@ -34,7 +34,7 @@ MAY_IMPORT[TOOLS + "offline"] = {*MAY_IMPORT}  # the roof: nothing below imports
 MAY_IMPORT[TOOLS + "cli"] = {*MAY_IMPORT}
 MAY_IMPORT[TOOLS + "library"] = {*MAY_IMPORT}
 FORBIDDEN = {  # within a package
-    "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros"),
+    "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros")
 }
 ROS = {
     "rclpy",

@@ -2,8 +2,6 @@
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from benchmarks.real.end_to_end import splits
 
 

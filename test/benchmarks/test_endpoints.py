@@ -4,9 +4,6 @@ import importlib
 
 import pytest
 
-pytest.importorskip("rclpy")
-
-
 from benchmarks.abuse.endpoints import interrogate
 from benchmarks.abuse.nodes import Case
 

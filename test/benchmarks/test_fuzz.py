@@ -7,8 +7,6 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from benchmarks.abuse import fuzz
 from benchmarks.abuse.fuzz_targets import Target, make_targets
 

@@ -1,9 +1,6 @@
 """What is judged of the drives by other lenses; their rows are the commands."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 
 from benchmarks.drive.lenses import ROWS, cells, judge
 from benchmarks.drive.repeats import Found

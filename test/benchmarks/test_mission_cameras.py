@@ -3,9 +3,6 @@
 from itertools import permutations
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 
 from benchmarks.drive.mission_cameras import Taught
 from benchmarks.drive.mission_town import PLACES, tour_network

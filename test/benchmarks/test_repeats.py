@@ -3,9 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 
 from benchmarks.drive.mission_cameras import Taught
 from benchmarks.drive.repeats import Drive, Found, deviations, judge

@@ -220,12 +220,7 @@ def test_a_follower_answers_the_tools_of_ros2(ros2: str, files: Path, tmp_path: 
     follower = [ros2, "run", "sphere_nav", "path_follower", "--ros-args", "-r", "__ns:=/tools"]
     seen = ["--no-daemon", "--spin-time", "4"]  # s for the discovery of the node, which on a busy machine takes longer
     asked = {
-        "False, message='POSE_TIMEOUT: no pose yet": [
-            "service",
-            "call",
-            f"{name}/start",
-            "std_srvs/srv/Trigger",
-        ],
+        "False, message='POSE_TIMEOUT: no pose yet": ["service", "call", f"{name}/start", "std_srvs/srv/Trigger"],
         "vehicle.wheelbase: fixed while the node": ["param", "set", *seen, name, "vehicle.wheelbase", "1.5"],
         "3.5": ["topic", "echo", *seen, "--once", "--field", "length", f"{name}/trajectory"],  # to a late listener
         "active [3]": ["lifecycle", "get", *seen, name],

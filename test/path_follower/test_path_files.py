@@ -48,11 +48,7 @@ def test_columns_go_by_name_or_by_the_usual_order(tmp_path):
 
 
 def test_columns_of_names_that_are_not_known_are_refused(tmp_path):
-    for text in [
-        "time,pos_x,pos_y\n0,0,3\n1,1,3\n",
-        "# lat, lon\n0,0\n1,0\n",
-        "x,y,yaw_deg\n0,0,0\n1,0,0\n",
-    ]:
+    for text in ["time,pos_x,pos_y\n0,0,3\n1,1,3\n", "# lat, lon\n0,0\n1,0\n", "x,y,yaw_deg\n0,0,0\n1,0,0\n"]:
         (tmp_path / "path.csv").write_text(text)
         names = text.split("\n")[0].lstrip("# ").replace(",", ", ").replace("  ", " ")
         with pytest.raises(ValueError, match=f"path.csv:.: expected columns of the names x .*yaw .*found '{names}'"):

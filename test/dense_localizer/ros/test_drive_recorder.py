@@ -9,8 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of

@@ -72,10 +72,7 @@ def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
     p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
-    assert chances_of_place(np.array([18.0, 15.0]), sure) == (
-        p_elsewhere,
-        pytest.approx(np.exp(-3.0 / RIVAL_SCALE)),
-    )
+    assert chances_of_place(np.array([18.0, 15.0]), sure) == (p_elsewhere, pytest.approx(np.exp(-3.0 / RIVAL_SCALE)))
     later = EvidenceLevel(
         mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M
     )  # what many images add up to says less

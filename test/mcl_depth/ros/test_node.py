@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from mcl_depth.ros import clouds
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import Spherical

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from mcl_depth.ros.views import Views
 from sphere_nav.ros.bags.replay import OfflineBus
 from worlds.mcl import Bench, Eye, drive, room_points

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry import SE3, Spherical

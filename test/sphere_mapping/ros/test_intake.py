@@ -1,11 +1,8 @@
 from copy import deepcopy
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 import cv2
 import numpy as np
+import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_mapping.params import SphereMapperParams

@@ -1,7 +1,5 @@
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.ros.saving import path_below
 
 

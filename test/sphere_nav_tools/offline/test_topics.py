@@ -7,8 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE_INFO, Stream

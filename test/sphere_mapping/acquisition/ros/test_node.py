@@ -2,10 +2,6 @@
 
 from types import SimpleNamespace
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_mapping.acquisition.range.rectification import RigCorrection
 from sphere_mapping.acquisition.ros import node as module
 from sphere_mapping.acquisition.ros.node import SphereStitcher

@@ -110,10 +110,7 @@ def as_jpeg(topic, message):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "names", "change", "limit"),
-    [
-        ("rgbd", REALSENSE, as_jpeg, 1e-9),
-        ("stereo", ZED, lambda topic, message: message, 1e-9),
-    ],
+    [("rgbd", REALSENSE, as_jpeg, 1e-9), ("stereo", ZED, lambda topic, message: message, 1e-9)],
     ids=["compressed", "zed"],
 )
 def test_a_recording_of_a_driver_makes_the_same_map_by_the_command_that_inspect_tells(

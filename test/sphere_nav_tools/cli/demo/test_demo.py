@@ -14,13 +14,7 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.cli.demo.demo import (
-    OTHER_DAY,
-    Demo,
-    has_ended,
-    new_folder,
-    result_table,
-)
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, has_ended, new_folder, result_table
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
 from sphere_nav_tools.cli.demo.plots import exaggerate
 from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from_path, drive_errors, find_map
