@@ -82,12 +82,6 @@ def localizer(request, tmp_path_factory):
     return Car(MclDepthNode, {"cloud": str(folder / "room.npy"), "camera_height": 1.2} | SETTINGS)
 
 
-@pytest.fixture
-def car(localizer):
-    localizer.begin()
-    return localizer
-
-
 def raw(car, **fields):
     values = {"encoding": "mono8", "width": 160, "height": 120, "step": 160, "data": bytes(160 * 120)} | fields
     return Image(header=header(car.now, "camera"), **values)
@@ -143,12 +137,10 @@ def test_a_bad_image_is_answered_by_its_reason_and_the_next_good_one_used(locali
         assert localizer.see().reason not in INPUT_REASONS, case
 
 
-def test_a_silent_camera_is_told_by_arrival(car):
-    said = car.wait(5 * SECOND)
+def test_a_silent_camera_is_told_by_arrival_and_a_jump_of_the_clock_is_a_new_time_after_three_images(localizer):
+    localizer.begin()
+    said = localizer.wait(5 * SECOND)
     assert {status.reason for status in said} == {"TIMEOUT"}
-    assert car.see().reason not in INPUT_REASONS
-
-
-def test_a_jump_of_the_clock_is_a_new_time_after_three_images(car):
-    car.wait(60 * SECOND)
-    assert [car.see().reason in INPUT_REASONS for _ in range(3)] == [True, True, False]
+    assert localizer.see().reason not in INPUT_REASONS
+    localizer.wait(60 * SECOND)
+    assert [localizer.see().reason in INPUT_REASONS for _ in range(3)] == [True, True, False]

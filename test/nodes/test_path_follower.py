@@ -90,16 +90,6 @@ def drive_until(bench, x):
     raise AssertionError(f"expected to pass {x} m, found {bench.x:.2f}")
 
 
-@pytest.mark.slow
-def test_a_drive_to_the_end(bench):
-    drive_until(bench, 19.8)
-    for _ in range(60):
-        said = bench.step()
-    status = bench.last(said, "/path_follower/status")
-    assert (status.state, status.reason, status.is_armed) == ("FINISHED", "END_OF_PATH", False)
-    assert bench.x == pytest.approx(19.9, abs=0.1)
-
-
 def test_errors_are_published_while_driving(bench):
     bench.y = 0.2
     drive_until(bench, 0.5)

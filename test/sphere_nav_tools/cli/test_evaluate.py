@@ -68,29 +68,6 @@ def test_alignment_takes_a_moved_map_away(files):
     assert found["alignment"]["scale"] == pytest.approx(0.8, rel=1e-6)
 
 
-@pytest.fixture
-def bag(tmp_path):
-    bags = pytest.importorskip("sphere_nav.ros.bags")
-    messages = pytest.importorskip("nav_msgs.msg")
-    from sphere_nav.ros.conversions import se3_to_odometry
-
-    with bags.BagWriter(tmp_path / "drive") as writer:
-        writer.add_topic("ground_truth/odometry", messages.Odometry)
-        for stamp, T_map_base in zip(TRUTH.stamps_ns.tolist(), TRUTH.T_map_body.matrix, strict=True):
-            message = se3_to_odometry(SE3(T_map_base), 1e-4 * np.eye(6), stamp, ("map", "base_link"))
-            writer.write("ground_truth/odometry", message, stamp)
-    return tmp_path / "drive"
-
-
-def test_truth_comes_out_of_a_bag(files, bag):
-    assert call(files / "poses.tum", bag, "--json", files / "e.json") == 0
-    assert json.loads((files / "e.json").read_text())["n"] == 100
-    assert call(bag, bag, "--poses-topic", "ground_truth/odometry", "--json", files / "e.json") == 0
-    found = json.loads((files / "e.json").read_text())
-    assert found["translation_m"]["max"] < 1e-9
-    assert found["nees"]["mean"] == pytest.approx(0.0, abs=1e-9)
-
-
 def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, capsys):
     T_map_truth = SE3.exp([3, 1, 0.5, 0.1, 0.2, 1.0])
     taught, driven = TRUTH[:100].moved(T_map_truth), TRUTH[100:]

@@ -247,16 +247,6 @@ def test_a_keystore_grants_each_enclave_what_the_policy_says(ros2_security: None
     assert main(["keystore", str(tmp_path / "keys"), "mapping"]) == 0  # beside what is there
 
 
-def test_misuse_is_one_line(capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert main(["keystore", "keys", "navigation"]) == 2
-    assert "map: expected a value" in capsys.readouterr().err
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["keystore", "keys", "mapping"]) == 2
-    told = capsys.readouterr().err
-    assert "found no ros2 on the PATH" in told
-    assert told.count("\n") == 1
-
-
 def secured(node: str, folder: Path) -> subprocess.Popen[str]:
     """Start a node with its enclave, as `sphere_nav up` and `ros2 launch` do."""
     words = ros_arguments(NodeStart(node, enclave=f"/{node}"), folder / "parameters.yaml")

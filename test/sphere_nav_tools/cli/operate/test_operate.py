@@ -50,21 +50,6 @@ def test_state_reason_and_remedy_are_told():
     assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
 
 
-def test_the_page_speaks_of_its_buttons():
-    seen = Heard()
-    status = {"value": 0.0, "limit": 0.0, "progress": 0.0, "distance_to_end": 0.0}
-    for state, remedy, told in (
-        ("PAUSED", "call start", "&rarr; press resume"),
-        ("NO_PATH", "release the emergency stop, then call start", "then load a path or choose a place"),
-        ("STOPPED", "wait for TRACKING or call relocalize of the localiser, then call start", "is, then press start"),
-    ):
-        seen.hear("follower", SimpleNamespace(state=state, reason="OPERATOR", remedy=remedy, **status))
-        assert told in banner(seen)
-        assert "call" not in banner(seen).replace("localiser", "")
-    seen.say("load: call stop first")
-    assert "load: press stop first" in seen.lines[0]
-
-
 @pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
 def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch, later, is_told):
     seen = Heard()

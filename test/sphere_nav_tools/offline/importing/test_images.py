@@ -10,13 +10,12 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import message_to_sphere, pose_to_se3
+from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.importing import spherical
 from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.spherical import T_BODY_RIG
-from sphere_nav_tools.offline.importing.stereo import open_kitti
 from worlds.rig import WAVES
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -197,15 +196,3 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring):
     assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
-
-
-def test_a_car_of_kitti_drives_forward(shared_data):
-    recording = open_kitti(shared_data / "driving" / "kitti_06")
-    assert len(recording.instants) == 51
-    assert recording.views["right"].baseline_m == pytest.approx(0.5371, abs=1e-4)
-    poses = [pose_to_se3(dict(recording.frame(index))["ground_truth/pose"].pose) for index in (0, 50)]
-    np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-6)
-    x, y, z = poses[1].translation
-    assert x == pytest.approx(59.9, abs=0.5)  # README of the data: 59.9 m straight
-    assert abs(y) < 5.0
-    assert abs(z) < 2.0
