@@ -14,14 +14,8 @@ import pytest
 
 from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, differences, installed
 
-NOT_INSTALLED = {
-    "benchmarks",
-    "docs",
-    "examples",
-    "launch",
-    "scripts",
-    "test",
-}  # of the root, with Python files, but no packages
+# of the root, with Python files, but no packages
+NOT_INSTALLED = {"benchmarks", "docs", "examples", "launch", "scripts", "test"}
 
 
 def visible_python_files() -> set[Path]:

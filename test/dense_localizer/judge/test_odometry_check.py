@@ -84,8 +84,5 @@ def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, i
         off = SE3.exp(sigmas * sigma * np.eye(6)[axis])
         check.start(OdometrySample(2 * STEP_NS, off, COVARIANCE, SE3.identity()))
         found = [check.find(OdometrySample(k * STEP_NS, off, COVARIANCE, SE3.identity())) for k in (3, 198, 204)]
-        assert [finding.reason is Reason.ODOM_STALE for finding in found] == [
-            is_disputed,
-            is_disputed,
-            False,
-        ]  # for 10 s
+        # for 10 s
+        assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]

@@ -82,6 +82,5 @@ def test_without_odometry_the_vehicle_may_have_gone_anywhere_near():
         assert not step.is_known
         np.testing.assert_array_equal(step.motion, np.zeros(3))
         np.testing.assert_allclose(step.sigmas, sigmas)
-        assert not model.step(
-            SECOND + round(seconds * SECOND), SE3.identity()
-        ).is_known  # from where it was is not known
+        # from where it was is not known
+        assert not model.step(SECOND + round(seconds * SECOND), SE3.identity()).is_known

@@ -105,9 +105,8 @@ def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(monkeypatch
     problem, state = views(24, 0.2, rng)
     kept = np.ones(24 * 20)
     found = validation.validate(problem, state, kept)
-    assert found.held_out_px[0] == pytest.approx(
-        0.2 * np.sqrt(2.0) * np.sqrt(1 - 6 / 40), rel=0.15
-    )  # 6 of 40 are its pose
+    # 6 of 40 are its pose
+    assert found.held_out_px[0] == pytest.approx(0.2 * np.sqrt(2.0) * np.sqrt(1 - 6 / 40), rel=0.15)
     pixels = problem.seen.pixels.copy()
     pixels[problem.seen.view == 3] += rng.normal(0.0, 2.0, (20, 2))  # every fourth is held out
     spoilt = camera_problem(

@@ -97,9 +97,8 @@ def test_an_asl_folder_of_fisheyes_and_a_truth_with_gaps(tmp_path):
     recording = open_euroc(mav)
     assert isinstance(recording.views["left"].camera, Fisheye)
     assert recording.truth_name == "mocap0"
-    between = (
-        recording.instants[1].T_map_link @ T_BODY_OPTICAL
-    )  # the target was out of sight: between the rows before and after
+    # the target was out of sight: between the rows before and after
+    between = recording.instants[1].T_map_link @ T_BODY_OPTICAL
     np.testing.assert_allclose(between.translation, (pose(1) @ T_BODY_LEFT).translation, atol=1e-3)
 
 
@@ -113,9 +112,8 @@ def four_seasons(folder):
     matrix = SE3.from_parts(np.eye(3), [0.3, 0.0, 0.0]).matrix
     stereo = [" ".join(map(str, row)) for row in matrix]
     write_lines(folder.parent / "calibration" / "undistorted_calib_stereo.txt", stereo)
-    write_lines(
-        folder / "times.txt", [f"{s} {s * 1e-9:.9f} 1.5" for s in [*STAMPS, START + 9 * STEP]]
-    )  # one image is lost
+    # one image is lost
+    write_lines(folder / "times.txt", [f"{s} {s * 1e-9:.9f} 1.5" for s in [*STAMPS, START + 9 * STEP]])
     return folder
 
 

@@ -139,9 +139,8 @@ def test_a_motion_contradicts_the_survey_once_in_ten_thousand_by_chance():
             edges = [Edge(k, k + 1, SE3.identity(), np.diag(1 / SIGMA**2)) for k in range(3)]
             graph = SphereGraph([KeySphere(k, k, SE3.identity()) for k in range(4)], edges)
             off = SE3.exp(xi)
-            found = check_survey(
-                graph, graph.with_poses({0: off, 1: off, 2: off}), "drive"
-            )  # the last motion alone is off
+            # the last motion alone is off
+            found = check_survey(graph, graph.with_poses({0: off, 1: off, 2: off}), "drive")
             assert bool(found) == is_named
             if is_named:
                 meters, radians = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
