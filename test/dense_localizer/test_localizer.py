@@ -83,15 +83,6 @@ def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
     assert found.T_map_camera is None
 
 
-def test_an_operator_gives_the_pose(room, room_map):
-    run = Run(room, make_localizer(room_map, automatic=False))
-    assert run.see(at(0.3)).status.state is State.NOT_LOCALISED
-    found = run.localizer.relocalize(at(0.35, 0.05, 0.05))
-    assert found.status.state is State.PROBATION
-    states = [run.see(at(0.3 + 0.01 * k)).status.state for k in range(4)]
-    assert states[-1] is State.TRACKING
-
-
 def test_a_given_pose_off_the_map_is_refused(room, room_map):
     run = started(room, room_map)
     for number, (pose, words) in enumerate([(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")]):

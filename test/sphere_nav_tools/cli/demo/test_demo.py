@@ -16,6 +16,7 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, has_ended, new_folder, result_table
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
+from sphere_nav_tools.cli.demo.plots import exaggerate
 from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from_path, drive_errors, find_map
 
 
@@ -86,6 +87,13 @@ def test_a_process_claims_each_domain_once():
     assert {claim_domain(range(210, 212)), claim_domain(range(210, 212))} == {210, 211}
     with pytest.raises(RuntimeError, match=r"expected one of range\(210, 212\) that is free, found all in use"):
         claim_domain(range(210, 212))
+
+
+def test_distances_from_the_path_are_exaggerated_to_their_side():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]])
+    along, lateral = np.array([0.5, 1.0, 3.5]), np.array([0.01, -0.02, 0.01])
+    drawn = exaggerate(DriveErrors(path, path, along, lateral, along, np.zeros(3), np.zeros(3), 1.0), 50.0)
+    np.testing.assert_allclose(drawn, [[0.5, 0.5], [1.0, -1.0], [1.5, 1.5]], atol=1e-12)  # left, right, left
 
 
 SECOND = 10**9

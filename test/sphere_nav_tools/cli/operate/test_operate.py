@@ -16,7 +16,7 @@ from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import ground, simulator, words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
-from sphere_nav_tools.cli.operate.ground import add_colors, closed, ground_of
+from sphere_nav_tools.cli.operate.ground import add_colors, ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
@@ -175,15 +175,6 @@ def test_a_cell_has_the_mean_of_what_was_seen_there():
     assert sums.tolist() == [[9, 9, 9, 1], [0, 0, 0, 0], [40, 60, 80, 2], [7, 7, 7, 1]]
 
 
-def test_small_gaps_take_the_colour_beside_them_and_the_unseen_is_clear():
-    picture = np.zeros((40, 40, 4))
-    picture[5:20, 5:20] = (200, 100, 50, 1)
-    picture[12, 12] = 0
-    found = closed(picture)
-    np.testing.assert_allclose(found[12, 12], (200, 100, 50, 255), atol=2)
-    assert found[35, 35, 3] == 0
-
-
 def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(monkeypatch):
     nodes = [SimpleNamespace(id=x, T_map_sphere=SE3.from_planar(x, 0.0, 0.0)) for x in (0, 8)]
     seen = SimpleNamespace(points=lambda: (np.array([[1.0, 2.0, -1.0]]), np.array([[200, 100, 50]], np.uint8)))
@@ -279,26 +270,6 @@ def test_the_way_ahead_begins_where_the_vehicle_is():
     assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
     assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
     assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
-
-
-def test_what_has_not_changed_is_drawn_once(chart):
-    seen, scene = Heard(), chart.client.scene
-    grids = [values["points"] for kind, _, values in scene.added if kind == "line_segments"]
-    assert [(len(one), np.abs(one).max()) for one in grids] == [(2 * 81, 40.0), (2 * 61, 300.0)]
-    seen.hear("path", np.column_stack([np.arange(11.0), np.zeros(11)]))
-    seen.hear("follower", SimpleNamespace(progress=4.0, state="DRIVING", reason=""))
-    seen.hear("spheres", np.array([[1.0, 2.0], [3.0, 4.0]]))
-    seen.hear("places", [words.Place("gate", 1.0, 2.0)])
-    seen.hear("odometry", [np.array([0.0, 0.0]), np.array([14.0, 2.0])])  # nobody localises
-    picture = ground.Ground(np.zeros((2, 2, 4)), (3.0, 4.0), (5.0, 6.0))
-    for _ in range(2):
-        chart.show(seen, picture, False)
-    names = [name for _, name, _ in scene.added]
-    drawn = ["/ground", "/path", "/ahead", "/driven", "/spheres", "/place_0", "/place_0/name", "/car"]
-    assert [names.count(name) for name in drawn] == [1] * 7 + [0]
-    told = {name: values for _, name, values in scene.added}
-    assert (told["/ground"]["position"], told["/ahead"]["points"][0, 0, 0]) == ((3.0, 4.0, -0.01), 4.0)
-    assert (told["/place_0"]["position"], chart._grid.position) == ((1.0, 2.0, 0.0), (10.0, 0.0, 0.0))
 
 
 def test_the_scale_is_of_a_round_length_and_its_arrow_points_to_y(chart):

@@ -194,13 +194,6 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     assert client.scene.set_background_image.call_args.args == (None,)
 
 
-def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
-    slept, shots = [], [SimpleNamespace(stamp_ns=stamp) for stamp in (5 * 10**9, 7 * 10**9, 8 * 10**9)]
-    monkeypatch.setattr(view.time, "sleep", slept.append)
-    view.replay_drive(SimpleNamespace(shots=lambda: shots, camera=PINHOLE), MagicMock())
-    assert slept == pytest.approx([0.0, 2.0, 3.0], abs=0.5)
-
-
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]
 
 

@@ -19,12 +19,6 @@ HERE = os.path.realpath("/proc/self")
 ASKED = ["/proc/self"] * 6
 
 
-def test_one_job_is_done_here():
-    with Workers() as workers:
-        assert workers.executor is None
-        assert list(workers.run(os.path.realpath, ASKED)) == [HERE] * 6
-
-
 @pytest.mark.slow
 def test_several_jobs_are_done_in_other_processes_but_a_lone_piece_is_not():
     with Workers(2) as workers:
