@@ -18,13 +18,11 @@ PLAIN = re.compile(r"^ *assert\b|\b(raises|warns|fail)\(|\bassert_", re.MULTILIN
 
 @cache
 def nodes(path: Path) -> list[ast.AST]:
-    """Return all nodes of a file."""
     return list(ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))))
 
 
 @cache
 def functions(path: Path) -> dict[str, ast.FunctionDef]:
-    """Return the functions and methods of a file by their name."""
     return {node.name: node for node in nodes(path) if isinstance(node, ast.FunctionDef)}
 
 

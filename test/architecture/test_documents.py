@@ -37,7 +37,6 @@ def text_of(page: str) -> str:
 
 
 def rows(page: str) -> Iterator[list[str]]:
-    """Yield the cells of every row of the tables of a page."""
     for line in text_of(page).splitlines():
         if line.startswith("| "):
             yield [cell.strip() for cell in line.strip("|").split(" | ")]
@@ -96,7 +95,6 @@ def test_links_lead_somewhere(page):
 
 
 def headings(page: Path) -> set[str]:
-    """Return the headings of a page as links name them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     lines = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", line.strip().lower()).replace(" ", "-") for line in lines}

@@ -61,7 +61,6 @@ def box_mesh():
 
 @pytest.fixture(scope="session")
 def small_params():
-    """A simulator that renders little of a world that is quickly built."""
     return SimParams(
         seed=SEED,
         world="corridor",
@@ -73,5 +72,4 @@ def small_params():
 
 @pytest.fixture
 def looking_along_x():
-    """Pose of an optical camera 1.5 m above the origin that looks along x."""
     return SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])

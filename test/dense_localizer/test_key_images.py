@@ -16,7 +16,6 @@ REGION_M = 2.0
 
 
 def estimate(x=0.0, yaw=0.0, *, state=State.TRACKING, ncc=0.9, sigma_m=0.01, is_by_map=True, **values):
-    """What the localiser said of an image at a place."""
     choice = SimpleNamespace(region_m=values.get("region_m", REGION_M))
     is_accepted = values.get("is_accepted", True)
     candidate = SimpleNamespace(is_accepted=is_accepted, is_by_map=is_by_map, ncc=ncc, choice=choice)

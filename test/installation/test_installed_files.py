@@ -62,7 +62,6 @@ LINES = [[name] for name in EXECUTABLES] + [["sphere_nav", "map"]]
 
 
 def explain(words: list[str]) -> str:
-    """Return what is wrong with the help of an executable."""
     line = [str(shutil.which("env")), "-i", str(SCRIPTS / words[0]), *words[1:], "--help"]
     done = subprocess.run(line, cwd="/", capture_output=True, text=True, timeout=300, check=False)
     is_good = (done.returncode, done.stderr, words[-1] in done.stdout) == (0, "", True)

@@ -88,7 +88,6 @@ def ros2() -> str:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the arguments name."""
     folder = tmp_path_factory.mktemp("files")
     made = make_map(wide_room(), [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], Spherical(512, 256))
     save_map(folder / "map", made.graph)

@@ -65,8 +65,6 @@ def test_a_direction_is_clear_where_the_best_samples_lead_by_one_and_a_half_devi
 
 
 class Curves:
-    """A comparison whose similarities (N, A) are given."""
-
     def __init__(self, values):
         self.values = values
 

@@ -22,15 +22,12 @@ INPUT_REASONS = {"TIMEOUT", "FROZEN", "BAD_STAMP", "BAD_INFO", "TF_STALE", "LOW_
 
 
 class Car:
-    """A localiser on a bus, its camera, and what it says."""
-
     def __init__(self, node_class, values):
         self.bus, self.now = OfflineBus(), 100 * SECOND
         self.node = self.bus.add(node_class, {"base_frame": ""} | values)
         list(self.bus.advance(self.now))
 
     def begin(self):
-        """Forget what was seen; see a good image."""
         assert self.node.endpoints.call("reset").success
         self.wait(20 * SECOND)
         self.calibrate(CAMERA)

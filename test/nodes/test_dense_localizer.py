@@ -58,8 +58,6 @@ def static_message():
 
 
 class Bench:
-    """A node on an offline bus and the camera before it."""
-
     def __init__(self, map_path="", *, is_calibrated=True, **values):
         self.bus = OfflineBus()
         given = {name.replace("__", "."): value for name, value in values.items()}
@@ -74,7 +72,6 @@ class Bench:
         return [record for record in self.bus.settle() if record.topic != topic]
 
     def see(self, picture, encoding="mono8"):
-        """Send an image; return what the node said by topic."""
         self.now += STEP_NS
         said = list(self.bus.advance(self.now))
         said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, encoding))

@@ -38,8 +38,6 @@ def status_message(state, stamp):
 
 
 class Bench:
-    """A node on an offline bus, and an ideal car that does what it is told."""
-
     def __init__(self, **values):
         self.bus = OfflineBus()
         self.node = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True} | values)

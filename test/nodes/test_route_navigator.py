@@ -62,8 +62,6 @@ def folder(tmp_path):
 
 
 class Trip:
-    """Both nodes on a bus, and an ideal car."""
-
     def __init__(self, folder):
         self.values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
         self.bus = OfflineBus(start_ns=SECOND)

@@ -10,7 +10,6 @@ from architecture.tree import ROOT
 
 
 def script(name):
-    """Return a module of scripts/, which is not installed."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -21,7 +21,6 @@ def without(topic):
 
 
 def with_info(**changes):
-    """The recording with another CameraInfo."""
     messages = wall_messages()
     for _, message, _ in messages:
         if isinstance(message, CameraInfo):

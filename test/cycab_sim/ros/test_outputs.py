@@ -13,8 +13,6 @@ from sphere_nav.ros.conversions.driving import scan_to_points
 
 
 class Catcher:
-    """Stands for a node: keeps what is published, by topic."""
-
     def __init__(self):
         self.sent, self.kinds = {}, {}
 

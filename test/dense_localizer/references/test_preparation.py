@@ -7,8 +7,6 @@ from sphere_nav.photometric import Reference
 
 
 class Sized(Reference):
-    """A reference that says how large it is."""
-
     num_bytes = 10
 
     def __setattr__(self, name, value):
@@ -16,8 +14,6 @@ class Sized(Reference):
 
 
 class Reader:
-    """Prepares nothing, and counts."""
-
     def __init__(self):
         self.read, self.fails, self.threads = [], set(), set()
 

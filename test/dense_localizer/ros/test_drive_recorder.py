@@ -31,7 +31,6 @@ def reader(tmp_path):
 
 
 def follow(recorder, number, *, ncc=0.5, camera=CAMERA, step_m=1.0):
-    """Let a recorder see images, each a step farther."""
     candidate = SimpleNamespace(is_accepted=True, is_by_map=True, ncc=ncc, choice=SimpleNamespace(region_m=1.0))
     for k in range(number):
         status = Status(State.TRACKING, stamp_ns=(k + 1) * SECOND, references=(3,))

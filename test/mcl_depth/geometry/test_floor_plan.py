@@ -15,7 +15,6 @@ WALLS, FLOORS = 22 * HEIGHT, 2 * 18
 
 
 def rooms_of(path):
-    """Return the closed rings of wall corners of each room."""
     walls = [surface for surface in read_surfaces(path) if surface.kind == "wall"]
     return {room: rings_of([one for one in walls if one.room == room]) for room in dict.fromkeys(w.room for w in walls)}
 

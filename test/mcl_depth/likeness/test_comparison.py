@@ -44,7 +44,6 @@ def similarity(visual, range_m, num_alpha):
 
 @pytest.fixture
 def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A grey panorama and a range panorama, unrelated."""
     return (255 * rng.random((H, W))).astype(np.float32), (1 + 9 * rng.random((H, W))).astype(np.float32)
 
 

@@ -27,7 +27,6 @@ def stack(ranges):
 
 
 def correlation(visual, stack):
-    """The correlation (N, NUM_HEADINGS) of gradients by its definition."""
     shifts = np.arange(NUM_HEADINGS) * WIDTH // NUM_HEADINGS
     x, y, m = visual.x.astype(np.float64), visual.y, visual.magnitude
     seen, image = visual.is_seen, m * (x + 1j * y) ** 2
@@ -62,7 +61,6 @@ def test_a_part_is_found_as_by_the_correlation_where_a_strong_edge_weighs_by_its
 
 
 def decoded(stack):
-    """Direction x, y and magnitude of each panorama."""
     angles = stack.directions * np.pi / 255
     known = stack.directions < 255
     magnitudes = stack.scales[:, None, None] * (stack.magnitudes / 255.0) ** 2

@@ -27,12 +27,10 @@ def graph():
 
 
 def alike(sphere_id, is_condensed):
-    """Return the bytes of key spheres that cannot be condensed."""
     return 1e6
 
 
 def left(graph, budget, count_bytes=alike, *, is_whole=True):
-    """Return which key spheres leave."""
     found = thin(graph, budget, count_bytes, is_whole=is_whole)
     leaving = graph.nodes.keys() - found.graph.nodes.keys()
     assert found.num_left == len(leaving)

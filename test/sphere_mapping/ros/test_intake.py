@@ -90,7 +90,6 @@ def test_registered_depth_is_registered_anew_where_its_pose_is_given():
 
 
 def compress(topic, message):
-    """Return topic and message as image_transport sends them."""
     if not isinstance(message, Image):
         return topic, message
     pixels = image_to_array(message)

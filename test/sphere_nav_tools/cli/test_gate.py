@@ -16,8 +16,6 @@ HERE = "192.168.1.5"
 
 
 class Headers(dict):
-    """As websockets hands them over."""
-
     def get_all(self, key):
         return [value for name, value in self.items() if name.strip() == key]
 
@@ -73,7 +71,6 @@ def test_only_the_token_lets_in():
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Steady time that a test moves."""
     now = [100.0]
     monkeypatch.setattr(gate.time, "monotonic", lambda: now[0])
     return now
@@ -140,7 +137,6 @@ def served():
 
 
 def ask(served, path=LINK, host=None, *lines):
-    """Return status and body of a request, as a browser would send it."""
     port = served.get_port()
     with socket.create_connection(("127.0.0.1", port), timeout=60.0) as line:
         head = [f"GET {path} HTTP/1.1", f"Host: {host or f'127.0.0.1:{port}'}", *lines, "", ""]

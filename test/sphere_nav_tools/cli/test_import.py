@@ -21,7 +21,6 @@ from sphere_nav_tools.offline.importing.frames import describe_folder, guess_for
 
 @pytest.fixture
 def imported(tmp_path):
-    """Run the command; return the messages by topic."""
     bags = []
 
     def run(*words):

@@ -69,7 +69,6 @@ ACTION = ("send_goal", "get_result", "cancel_goal")
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder, the present one, with what the parameters name."""
     monkeypatch.chdir(tmp_path)
     x = np.linspace(0.0, 20.0, 201)
     write_network(tmp_path / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
@@ -248,7 +247,6 @@ def test_a_keystore_grants_each_enclave_what_the_policy_says(ros2_security: None
 
 
 def secured(node: str, folder: Path) -> subprocess.Popen[str]:
-    """Start a node with its enclave, as `sphere_nav up` and `ros2 launch` do."""
     words = ros_arguments(NodeStart(node, enclave=f"/{node}"), folder / "parameters.yaml")
     return subprocess.Popen(node_command(node, *words), stderr=subprocess.PIPE, text=True)
 

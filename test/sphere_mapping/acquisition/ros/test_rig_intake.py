@@ -14,8 +14,6 @@ MS = 1_000_000
 
 
 class Keeper(ManagedNode):
-    """Keeps the instants."""
-
     NAME = "keeper"
     PARAMS = SphereStitcherParams
 

@@ -72,7 +72,6 @@ def test_images_that_are_rectified_already_are_seen_to_be(is_raw):
 
 
 def drawn(room, lens, T_left_camera):
-    """Return what a camera of any lens in the room sees."""
     fine = Pinhole(600, 466, 300.0, 300.0, 299.5, 232.5)
     image, _ = room.rgbd(fine, optical(SE3.exp([0.3, -0.2, 0.1, 0.05, -0.1, 0.4])) @ T_left_camera)
     at, _ = fine.project(lens.unproject(pixel_grid(lens)))

@@ -54,8 +54,6 @@ def test_a_truncated_bag(bag, capsys, tmp_path):
 
 @pytest.fixture
 def parameters_of(monkeypatch):
-    """Parse a command line; return the node that would run and its parameters."""
-
     def given(command, *words):
         calls = []
 

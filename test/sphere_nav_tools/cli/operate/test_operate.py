@@ -95,7 +95,6 @@ def test_an_old_status_does_not_confirm_a_new_command(monkeypatch, state, ages, 
 
 @pytest.fixture
 def ears():
-    """A link that hears, without a node."""
     link = Link.__new__(Link)
     link.seen = Heard()
     return link
@@ -224,8 +223,6 @@ def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_
 
 
 class Scene:
-    """Keeps what is added to it, as a browser would."""
-
     def __init__(self):
         self.added = []
 

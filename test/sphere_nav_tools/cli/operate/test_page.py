@@ -127,7 +127,6 @@ def follower(yard):
 
 @pytest.fixture
 def enter(yard):
-    """Return how a browser comes in."""
     clients = []
 
     def come():
@@ -144,7 +143,6 @@ def wait_until(holds):
 
 
 def ask_to_stop(yard):
-    """Ask as the button of the document does."""
     with urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S) as told:
         assert told.status == 200
 
@@ -310,7 +308,6 @@ def navigator(yard, follower):
 
 @pytest.fixture
 def command_line():
-    """Another client of the navigator."""
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("command_line", context=context)

@@ -26,7 +26,6 @@ def call(*words):
 
 
 def headers(path):
-    """Return by topic the stamps of all images."""
     found = {}
     with BagReader(path) as bag:
         for item in bag.messages([topic for topic in bag.topics if topic.endswith("image_raw")]):

@@ -35,7 +35,6 @@ def write_lines(path, lines):
 
 
 def imported(tmp_path, kind, folder):
-    """Run the command; return the messages by topic and the tree of frames."""
     assert main(["import", kind, str(folder), "-o", str(tmp_path / "bag")]) == 0
     with BagReader(tmp_path / "bag") as bag:
         topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
@@ -46,7 +45,6 @@ def imported(tmp_path, kind, folder):
 
 
 def pose(i):
-    """True pose of the body at instant i."""
     return SE3.exp([1.0 + i, 2.0, 0.5, 0.0, 0.0, 0.2])
 
 
@@ -118,7 +116,6 @@ def four_seasons(folder):
 
 
 def transformations(T_e_gpsw, T_w_gpsw, T_S_AS):
-    """Return the lines of Transformations.txt."""
     lines = []
     named = {"transform_S_AS": T_S_AS, "TS_cam_imu": T_BODY_LEFT, "transform_w_gpsw": T_w_gpsw,
              "transform_gps_imu": SE3.identity(), "transform_e_gpsw": T_e_gpsw}  # fmt: skip
