@@ -9,7 +9,6 @@ from dense_localizer.key_images import KeyImages, is_explained, is_lesson
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 
-# Written out: imported, a change would go unseen.
 KEY_REACH, KEY_TURN, MAX_KEY_SIGMA_M, MIN_EXPLAINED_NCC, MIN_KEY_IMAGES = 0.1, 0.1, 0.05, 0.8, 6
 
 REGION_M = 2.0

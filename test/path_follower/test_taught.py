@@ -107,7 +107,6 @@ def test_another_cruise_speed_is_as_if_it_had_been_there_from_the_start(kit):
         assert np.abs(made.speed).max() <= cruise
 
 
-# Written out: imported, a change would go unseen.
 MIN_SPACING, SPACING = 0.2, 0.1
 
 SMOOTHING = PathParams()

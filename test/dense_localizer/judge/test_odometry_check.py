@@ -5,7 +5,6 @@ from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 
-# Written out: imported, a change would go unseen.
 DISPUTE_S = 10.0
 
 STEP_NS = 50_000_000

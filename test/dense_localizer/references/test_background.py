@@ -25,20 +25,17 @@ def test_one_works_at_a_time_and_the_urgent_one_is_next():
     assert order == ["urgent", "patient"]
 
 
-def test_what_fails_leaves_the_turn_to_others():
+def test_what_fails_leaves_the_turn_to_others_and_without_a_limit_all_work_at_once():
     background = BackgroundTurns(is_limited=True)
     with pytest.raises(ValueError, match="failed"), background.wait_for_turn():
         raise ValueError("failed")
     with ThreadPoolExecutor(1) as threads:
+        assert threads.submit(take_turn, background).result(20.0) == "worked"
+    background = BackgroundTurns(is_limited=False)
+    with ThreadPoolExecutor(1) as threads, background.wait_for_turn():
         assert threads.submit(take_turn, background).result(20.0) == "worked"
 
 
 def take_turn(background):
     with background.wait_for_turn(is_urgent=True):
         return "worked"
-
-
-def test_without_a_limit_all_work_at_once():
-    background = BackgroundTurns(is_limited=False)
-    with ThreadPoolExecutor(1) as threads, background.wait_for_turn():
-        assert threads.submit(take_turn, background).result(20.0) == "worked"

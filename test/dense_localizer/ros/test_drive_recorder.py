@@ -16,7 +16,6 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags import BagReader, BagWriter
 
-# Written out: imported, a change would go unseen.
 MIN_KEY_IMAGES = 6
 
 CAMERA = Pinhole(32, 24, 30.0, 30.0, 15.5, 11.5)

@@ -17,7 +17,6 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
-# Written out: imported, a change would go unseen.
 COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
 MAX_TRIAL = 12

@@ -10,7 +10,6 @@ from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
-# Written out: imported, a change would go unseen.
 MIN_VIEW_SHARE = 0.1
 
 NUM_CELLS = 300

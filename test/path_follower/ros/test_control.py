@@ -18,7 +18,6 @@ from path_follower.ros.node import PathFollowerNode
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.clocks import SimulatedTicks
 
-# Written out: imported, a change would go unseen.
 CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK = 10_000_000_000, 50_000_000, 0.12, 0.025
 MAX_CLOCK_PAUSE = 10.0  # s
 

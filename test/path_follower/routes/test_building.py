@@ -12,7 +12,6 @@ from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import EdgeCurve
 from worlds.curves import even_curve
 
-# Written out: imported, a change would go unseen.
 LANE = 0.6
 
 TURN = (6 * math.pi / 2, 1 / 6)

@@ -3,7 +3,6 @@ import numpy as np
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.traffic.loops import WIDTHS, free_loops, town_loops
 
-# Written out: imported, a change would go unseen.
 CLEAR = 1.0
 
 PLAN = draw_plan(5)

@@ -161,7 +161,6 @@ def test_a_survey_is_refused_when_more_than_half_of_the_motions_contradict(num_w
         assert line.count(" to ") == 3  # the worst by name
 
 
-# Written out: imported, a change would go unseen.
 CAMERA = Spherical(128, 64)
 SECOND = 1_000_000_000
 
