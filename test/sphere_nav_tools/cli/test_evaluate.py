@@ -111,7 +111,7 @@ def line(num_poses=50, hertz=10.0):
 STRAIGHT = line()
 
 
-def test_stamps_belong_together_within_ten_milliseconds():
+def test_stamps_belong_together_within_ten_milliseconds_and_truth_spans_a_second_at_most():
     for late_ms, is_paired in [(9, True), (11, False)]:
         late = Trajectory(STRAIGHT.stamps_ns + late_ms * 10**6, STRAIGHT.T_map_body)
         if is_paired:
@@ -121,9 +121,6 @@ def test_stamps_belong_together_within_ten_milliseconds():
                 ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"
             ):
                 evaluate_poses(late, STRAIGHT)
-
-
-def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
     sparse = STRAIGHT[np.array([0, 9, 20, 49])]  # gaps of 0.9, 1.1 and 2.9 s
     found = evaluate_poses(STRAIGHT, sparse, is_interpolated=True)
     assert found.report["n"] == 10 + 2  # the first gap whole; else what lies on a row

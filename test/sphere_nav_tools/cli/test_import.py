@@ -110,13 +110,9 @@ def fails(capsys, tmp_path, *words):
     return err
 
 
-def test_a_folder_that_is_not_there(capsys, tmp_path):
-    for name in import_.READERS:
-        assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
-
-
 @pytest.mark.parametrize("name", import_.READERS)
-def test_an_empty_folder(name, capsys, tmp_path):
+def test_a_folder_that_is_not_there_or_empty(name, capsys, tmp_path):
+    assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     assert "empty" in fails(capsys, tmp_path, name, tmp_path / "empty")
 

@@ -68,16 +68,13 @@ def test_an_error_is_one_line(stand_in, capsys):
         assert capsys.readouterr().err == line
 
 
-def test_where_an_error_comes_from_can_be_seen(stand_in, monkeypatch):
+def test_a_mistake_of_ours_is_not_hidden_and_where_an_error_comes_from_can_be_seen(stand_in, monkeypatch):
+    stand_in.run = raising(TypeError("mistake"))
+    with pytest.raises(TypeError, match="mistake"):
+        main(["play", "x"])
     stand_in.run = raising(ValueError("bad"))
     monkeypatch.setenv("SPHERE_NAV_DEBUG", "1")
     with pytest.raises(ValueError, match="bad"):
-        main(["play", "x"])
-
-
-def test_a_mistake_of_ours_is_not_hidden(stand_in):
-    stand_in.run = raising(TypeError("mistake"))
-    with pytest.raises(TypeError, match="mistake"):
         main(["play", "x"])
 
 
