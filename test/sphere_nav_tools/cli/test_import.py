@@ -114,7 +114,7 @@ def fails(capsys, tmp_path, *words):
 def test_a_folder_that_is_not_there_or_empty(name, capsys, tmp_path):
     assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
-    assert "empty" in fails(capsys, tmp_path, name, tmp_path / "empty")
+    assert ": expected " in fails(capsys, tmp_path, name, tmp_path / "empty")
 
 
 def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
