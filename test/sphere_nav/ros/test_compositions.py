@@ -55,9 +55,8 @@ def test_every_composition_has_its_launch_file() -> None:
 def test_nodes_and_their_parameters_exist() -> None:
     for name in COMPOSITIONS:
         for start in starts(name):
-            known = {
-                leaf.name: leaf for cls in (BY_NAME[start.node].PARAMS, generate.ShellParams) for leaf in leaves(cls)
-            }
+            classes = (BY_NAME[start.node].PARAMS, generate.ShellParams)
+            known = {leaf.name: leaf for cls in classes for leaf in leaves(cls)}
             for key, value in start.parameters.items():
                 if key != "use_sim_time":
                     assert type(value) is known[key].type, f"{name}: {start.node}.{key}"
@@ -179,14 +178,12 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
     keys(tmp_path, COMPOSITIONS[name_of(path)].starts(values), monkeypatch)
     expected = COMPOSITIONS[name_of(path)].starts(values)
     nodes = opaque.function(types.SimpleNamespace(launch_configurations=values))
-    assert [(n.executable, n.namespace, n.remappings) for n in nodes] == [
-        (start.node, start.namespace, list(start.topics.items())) for start in expected
-    ]
+    told = [(start.node, start.namespace, list(start.topics.items())) for start in expected]
+    assert [(n.executable, n.namespace, n.remappings) for n in nodes] == told
     assert [n.ros_arguments for n in nodes] == [["--enclave", f"/{start.node}"] for start in expected]
     assert [n.parameters[-1] for n in nodes] == [dict(start.parameters) for start in expected]
-    assert [n.respawn_delay for n in nodes if n.respawn] == [
-        RESTART_AFTER[start.node] for start in expected if RESTART_AFTER[start.node]
-    ]
+    delays = [RESTART_AFTER[start.node] for start in expected]
+    assert [n.respawn_delay for n in nodes if n.respawn] == list(filter(None, delays))
     typed = types.SimpleNamespace(argv=["nmae:=car2"], launch_configurations={"nmae": "car2"})
     with pytest.raises(ValueError, match=r"nmae.*: expected one of"):
         check.function(typed)
@@ -211,10 +208,8 @@ def test_examples_of_launch_files_name_arguments() -> None:
 
 def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     mapper, player = starts("mapping", driver="zed4", rig="", bag="drive")
-    assert (mapper.parameters["input"], player.parameters["wait_for"]) == (
-        "rgbd",
-        "zed/zed_node/depth/depth_registered",
-    )
+    assert mapper.parameters["input"] == "rgbd"
+    assert player.parameters["wait_for"] == "zed/zed_node/depth/depth_registered"
     player = starts("replay", driver="zed4")[-1]
     assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color:2"
     player = starts("replay", driver="zed4", image="/front/image")[-1]
