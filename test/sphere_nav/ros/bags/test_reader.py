@@ -139,5 +139,6 @@ def test_bytes_that_are_no_message(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("text", String)
         bag.write_bytes("text", b"\x00\x01\x00\x00\xff\xff\xff\x7f", 1)
-    with BagReader(tmp_path / "bag") as reader, pytest.raises(BagError, match="expected std_msgs/msg/String, found 8"):
+    expected = "/text: expected std_msgs/msg/String, found 8"
+    with BagReader(tmp_path / "bag") as reader, pytest.raises(BagError, match=expected):
         list(reader.messages())

@@ -13,9 +13,6 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompres
 from sphere_nav.ros.conversions.stamps import header
 from worlds.streams import compressed, image
 
-pytest.importorskip("rclpy")
-
-
 SECOND = 10**9
 GRAY = np.arange(48, dtype=np.uint8).reshape(6, 8)
 DEPTH = np.full((6, 8), 1500, np.uint16)

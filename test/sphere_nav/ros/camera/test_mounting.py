@@ -9,9 +9,8 @@ from sphere_nav.ros.camera.mounting import read_mounting
 def test_six_numbers_turn_about_the_fixed_axes_of_the_vehicle():
     mounting = read_mounting("1,2,3,0,0.1,1.5707963267948966")
     # ahead of the camera is left of the vehicle; pitched down by 0.1 rad
-    np.testing.assert_allclose(
-        mounting.apply([1.0, 0.0, 0.0])[0], [1.0, 2.0 + np.cos(0.1), 3.0 - np.sin(0.1)], atol=1e-12
-    )
+    expected = [1.0, 2.0 + np.cos(0.1), 3.0 - np.sin(0.1)]
+    np.testing.assert_allclose(mounting.apply([1.0, 0.0, 0.0])[0], expected, atol=1e-12)
     rolled = read_mounting("0,0,0,0.2,0,0")
     np.testing.assert_allclose(rolled.apply([0.0, 1.0, 0.0])[0], [0.0, np.cos(0.2), np.sin(0.2)], atol=1e-12)
 

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3

@@ -94,17 +94,14 @@ def test_depth_is_in_meters_and_nan_where_there_is_none():
         depth_to_meters(array_to_image(np.zeros((2, 2), np.uint8), 0, "", "mono8"))
 
 
-@pytest.mark.parametrize("suffix", [".png"])
 @pytest.mark.parametrize("shape", [(40, 60), (40, 60, 3)])
-def test_compressed_images(suffix, shape):
+def test_compressed_images(shape):
     rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
     planes = [rows * 4, columns * 3, rows + columns]
     pixels = (np.dstack(planes) if len(shape) == 3 else planes[0]).astype(np.uint8)
-    data = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
-    message = CompressedImage(format=suffix, data=array.array("B", data))
-    found = compressed_to_array(message)
-    tolerance = 0 if suffix == ".png" else 6  # a smooth picture at JPEG quality 95
-    np.testing.assert_allclose(found.astype(int), pixels.astype(int), atol=tolerance)
+    data = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+    message = CompressedImage(format="png", data=array.array("B", data))
+    np.testing.assert_array_equal(compressed_to_array(message), pixels)
     assert decompress(message).encoding == ("rgb8" if pixels.ndim == 3 else "mono8")
 
 
@@ -122,7 +119,7 @@ def test_a_mosaic_of_one_color_is_that_color():
         np.testing.assert_array_equal(rgb[2:-2, 2:-2], np.broadcast_to([200, 120, 40], (4, 6, 3)))
 
 
-def test_the_luminance_of_packed_yuv_is_the_gray_level():
+def test_the_luminance_of_packed_yuv_is_the_gray_level_and_its_width_even():
     for encoding, order in [("yuv422", (1, 0)), ("uyvy", (1, 0)), ("yuyv", (0, 1))]:
         levels = np.arange(16, 236, 10, dtype=np.uint8)[None, :].repeat(4, axis=0)
         pixels = np.full((*levels.shape, 2), 128, np.uint8)
@@ -131,9 +128,6 @@ def test_the_luminance_of_packed_yuv_is_the_gray_level():
         assert rgb.shape == (*levels.shape, 3)
         expected = (levels.astype(float) - 16) * 255 / 219  # BT.601, limited range
         np.testing.assert_allclose(rgb[..., 1], expected, atol=2.0)
-
-
-def test_colors_of_pairs_of_pixels_need_an_even_width():
     message = Image(width=3, height=2, encoding="yuv422", step=6, data=array.array("B", bytes(12)))
     with pytest.raises(ValueError, match="expected an even number of pixels of yuv422, found 3"):
         image_to_rgb(message)

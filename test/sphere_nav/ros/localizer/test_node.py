@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.srv import Relocalize
 
 from sphere_nav.geometry import SE3, Pinhole

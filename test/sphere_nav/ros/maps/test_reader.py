@@ -13,17 +13,7 @@ from sphere_nav_msgs.msg import MapInfo
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.reader import (
-    COARSE,
-    EXPERIENCE,
-    FEATURES,
-    GRAPH,
-    INFO,
-    SPHERE,
-    MapDetails,
-    open_map,
-    save_map,
-)
+from sphere_nav.ros.maps.reader import COARSE, EXPERIENCE, FEATURES, GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Experience, SphereGraph
@@ -41,9 +31,8 @@ def test_a_map_comes_back(saved, sphere_graph):
     with open_map(saved) as reader:
         assert reader.info.map_id == "yard"
         assert reader.info.num_spheres == 3
-        assert reader.info.length == pytest.approx(
-            sum(edge.T_a_b.distance(edge.T_a_b.identity())[0] for edge in sphere_graph.edges)
-        )
+        length = sum(edge.T_a_b.distance(edge.T_a_b.identity())[0] for edge in sphere_graph.edges)
+        assert reader.info.length == pytest.approx(length)
         assert reader.parameters == {"mapper.levels": 4}
         assert all(node.sphere is None for node in reader.graph)
         graph = load_all(reader)
@@ -91,28 +80,20 @@ def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_an_old_map_stays_until_the_new_one_is_complete(saved, sphere_graph):
-    before = (saved / "map.mcap").read_bytes()
+def test_an_old_map_stays_until_the_new_one_is_complete_and_nothing_else_is_replaced(saved, sphere_graph):
+    (saved / "notes.txt").write_text("dear")
+    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
+    before, beside = (saved / "map.mcap").read_bytes(), (neighbour / "map.mcap").read_bytes()
     with pytest.raises(BagError, match="nothing is overwritten"):
         save_map(saved, sphere_graph)
     without_pictures = SphereGraph([*open_map(saved).graph])
     with pytest.raises(BagError, match="key sphere 10: expected its picture in memory"):
         save_map(saved, without_pictures, is_overwriting=True)
     assert (saved / "map.mcap").read_bytes() == before
-    other = SphereGraph([node for node in sphere_graph if node.id != 12])
-    save_map(saved, other, is_overwriting=True)
-    assert len(open_map(saved).graph) == 2
-    assert [path.name for path in saved.parent.iterdir()] == ["map"]
-
-
-def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
-    (saved / "notes.txt").write_text("dear")
-    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
-    before = (neighbour / "map.mcap").read_bytes()
     save_map(saved, SphereGraph([node for node in sphere_graph if node.id != 12]), is_overwriting=True)
     assert len(open_map(saved).graph) == 2
     assert (saved / "notes.txt").read_text() == "dear"
-    assert (neighbour / "map.mcap").read_bytes() == before
+    assert (neighbour / "map.mcap").read_bytes() == beside
     assert sorted(path.name for path in saved.parent.iterdir()) == ["map", "map.old"]
     assert sorted(path.name for path in saved.iterdir()) == ["map.mcap", "metadata.yaml", "notes.txt"]
 
@@ -138,15 +119,12 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph,
             shutil.rmtree(left)
 
 
-def test_a_folder_that_is_no_map_is_never_replaced(sphere_graph, tmp_path):
+def test_a_folder_that_is_no_map_is_never_replaced_and_an_empty_graph_is_no_map(sphere_graph, tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "dear.jpg").touch()
     with pytest.raises(BagError, match="nothing is overwritten"):
         save_map(tmp_path / "photos", sphere_graph, is_overwriting=True)
     assert (tmp_path / "photos" / "dear.jpg").exists()
-
-
-def test_an_empty_graph_is_no_map(tmp_path):
     with pytest.raises(BagError, match="found an empty one"):
         save_map(tmp_path / "map", SphereGraph())
 
