@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
-from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric import RegistrationParams, build_pyramid, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.lens import find_stretches, solve_stretches
 from sphere_nav.photometric.pixels.samples import Sample
+from worlds.looks import SOMEWHERE, views_of
 
 PARAMS = RegistrationParams(max_pixels=10_000)
-SPHERE = Spherical(512, 256)
 LENSES = [Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5), Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, 0, 0, 0))]
-SOMEWHERE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
 STEP = np.array([0.01, -0.02, 0.03, 0.001, 0.002, -0.001])
 
 
@@ -47,12 +46,9 @@ def test_the_stretch_of_a_flow_is_found_with_its_deviation(share):
     assert np.mean([one.sigma for one in found]) < 0.001
 
 
-def test_a_lamp_that_shines_unevenly_is_no_stretch():
+def test_a_lamp_that_shines_unevenly_is_no_stretch_and_another_distortion_one_between_centre_and_corner():
     found = solved(flow(1, light=200.0))
     assert abs(found.share) < 0.001
-
-
-def test_another_distortion_is_a_stretch_between_that_of_the_centre_and_that_of_the_corner():
     found = solved(flow(1, bend=0.02))
     assert 0.01 < found.share < 0.04
 
@@ -83,8 +79,7 @@ def test_few_cells_tell_nothing():
 
 @pytest.fixture(scope="module")
 def views(room):
-    places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
-    return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+    return views_of(room, PARAMS)
 
 
 def told(image, views, camera, motion=None, *, is_clear=True):

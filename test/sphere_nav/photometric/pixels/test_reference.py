@@ -8,23 +8,18 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
 from sphere_nav.photometric.pixels.reference import prepare_level
 from sphere_nav.photometric.pixels.squares import curve
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
 PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
-T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
 
 
-def test_points_lie_where_the_room_is(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+def test_points_lie_where_the_room_is_with_the_gradient_of_the_image_by_the_point(room):
+    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
-    points = T_ROOM_CAMERA.apply(level.points.T)
+    points = T_BODY_OPTICAL.apply(level.points.T)
     assert level.num_pixels == 58 * 78
     assert np.abs(room.gray(points) - level.intensity).max() < 0.5  # ranges are kept within 0.017 %
-
-
-def test_the_gradient_is_that_of_the_image_by_the_point(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
-    level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
     gy, gx = np.gradient(image.astype(np.float64))
     pixels = np.round(CAMERA.project(level.points.T)[0]).astype(int)
     g = np.stack([gx[pixels[:, 1], pixels[:, 0]], gy[pixels[:, 1], pixels[:, 0]]], axis=-1)
@@ -52,7 +47,7 @@ def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
 
 
 def test_unknown_range_is_left_out_and_far_is_far(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     range_m[:30] = np.nan
     range_m[30:40] = np.inf
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
@@ -85,7 +80,7 @@ def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
 
 def test_a_range_that_is_not_positive_is_refused(room):
     for bad in [0.0, -1.0]:
-        image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+        image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
         range_m[3, 4] = bad
         with pytest.raises(ValueError, match="range: expected positive"):
             prepare_reference(image, range_m, CAMERA, PARAMS)
