@@ -1,13 +1,7 @@
 """Which experiences a map holds, where, and how they serve."""
 
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.experiences import (
-    Service,
-    find_places,
-    split_by_experience,
-    with_experience,
-    with_service,
-)
+from sphere_nav.spheres.experiences import Service, find_places, split_by_experience, with_experience, with_service
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 NIGHT = Experience("night", "rgbd 64 x 48", "drive_2", 7)
