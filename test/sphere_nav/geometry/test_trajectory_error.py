@@ -58,7 +58,7 @@ def test_direction_is_known_at_standstill_and_without_any_motion():
     np.testing.assert_allclose(directions_of_motion(parked), np.tile([np.cos(0.7), np.sin(0.7)], (5, 1)))
 
 
-def test_alignment_finds_a_known_motion_and_scale():
+def test_alignment_finds_a_known_motion_and_scale_and_mirrors_nothing_back():
     for kind, scale in [("se3", 1.0), ("sim3", 0.8)]:
         T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
         estimate = TRUTH.moved(T_truth_estimate.inverse())
@@ -68,9 +68,6 @@ def test_alignment_finds_a_known_motion_and_scale():
         aligned = estimate.moved(found, found_scale)
         np.testing.assert_allclose(aligned.positions, TRUTH.positions, atol=1e-9)
         np.testing.assert_allclose(aligned.T_map_body.rotation, TRUTH.T_map_body.rotation, atol=1e-9)
-
-
-def test_a_path_in_a_mirror_is_turned_and_not_mirrored_back():
     mirrored = SE3.from_parts(TRUTH.T_map_body.rotation, TRUTH.positions * (1.0, 1.0, -1.0))
     T_truth_estimate, _ = align_trajectories(Trajectory(TRUTH.stamps_ns, mirrored), TRUTH, "se3")
     assert np.linalg.det(T_truth_estimate.rotation) == pytest.approx(1.0)
@@ -125,11 +122,6 @@ def straight(num_poses=120, step_m=0.02):
     return Trajectory(np.arange(num_poses) * 10**8, SE3.from_parts(np.repeat(np.eye(3)[None], num_poses, 0), place))
 
 
-def noisy(truth, seed, meters, radians):
-    noise = np.random.default_rng(seed).normal(size=(len(truth), 6)) * np.repeat([meters, radians], 3)
-    return Trajectory(truth.stamps_ns, truth.T_map_body @ SE3.exp(noise))
-
-
 def test_poses_that_agree_are_aligned_exactly():
     for way in [straight(), TRUTH[:1], TRUTH]:
         T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
@@ -139,7 +131,8 @@ def test_poses_that_agree_are_aligned_exactly():
 
 
 def test_wrong_poses_and_an_anchor_that_is_off_do_not_pull():
-    estimate = noisy(TRUTH, 5, 0.002, 0.001)
+    noise = np.random.default_rng(5).normal(size=(len(TRUTH), 6)) * np.repeat([0.002, 0.001], 3)
+    estimate = disturbed(noise)
     wrong = np.arange(0, len(TRUTH), 5)
     poses = estimate.T_map_body.matrix.copy()
     poses[wrong] = SE3(poses[wrong]).matrix @ SE3.exp([0.5, 0.4, 0.3, 0.2, 0.3, 0.5]).matrix
