@@ -1,5 +1,7 @@
 """Trust is earned, lowered and lost."""
 
+from functools import partial
+
 from sphere_nav.localization import State, StateMachine
 from sphere_nav.localization.params import StateParams
 
@@ -25,29 +27,18 @@ def tracking() -> StateMachine:
 
 def test_a_start_passes_through_search_and_probation():
     machine = StateMachine(PARAMS)
-    seen = [machine.state]
-    machine.reset()
-    seen.append(machine.state)
-    machine.search()
-    seen.append(machine.state)
-    machine.start()
-    for _ in range(3):
-        seen.append(machine.state)
-        assert not machine.is_trusted
-        machine.confirm(SECOND, is_good=True)
-    seen.append(machine.state)
-    expected = [State.NOT_LOCALISED, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3, State.TRACKING]
-    assert seen == expected
-    assert machine.is_trusted
+    confirm, seen = partial(machine.confirm, SECOND, is_good=True), [(machine.state, machine.is_trusted)]
+    for step in (machine.reset, machine.search, machine.start, confirm, confirm, confirm):
+        step()
+        seen.append((machine.state, machine.is_trusted))
+    passed = [State.NOT_LOCALISED, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3]
+    assert seen == [*((state, False) for state in passed), (State.TRACKING, True)]
 
 
 def test_a_poor_frame_starts_the_probation_again():
     machine = started()
-    machine.confirm(SECOND, is_good=True)
-    machine.confirm(SECOND, is_good=True)
-    machine.confirm(SECOND, is_good=False)
-    machine.confirm(SECOND, is_good=True)
-    machine.confirm(SECOND, is_good=True)
+    for is_good in (True, True, False, True, True):
+        machine.confirm(SECOND, is_good=is_good)
     assert machine.state is State.PROBATION
     machine.confirm(SECOND, is_good=True)
     assert machine.state is State.TRACKING
