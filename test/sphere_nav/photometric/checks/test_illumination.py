@@ -12,7 +12,7 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.illumination import find_illumination_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.pixels.samples import Sample
-from worlds.looks import SOMEWHERE, soft_room, structure_of, views_of
+from worlds.room import BESIDE, soft_room, structure_of, views_of
 
 PARAMS = RegistrationParams(max_pixels=10_000, max_mad=100.0)
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -35,14 +35,14 @@ def shine(image, slope):
 
 
 def aligned(soft, views, slope):
-    pyramid = build_pyramid(shine(soft.photograph(CAMERA, SOMEWHERE, 1), slope), CAMERA, PARAMS.pyramid)
-    return pyramid, register(pyramid, views, SOMEWHERE, PARAMS)
+    pyramid = build_pyramid(shine(soft.photograph(CAMERA, BESIDE, 1), slope), CAMERA, PARAMS.pyramid)
+    return pyramid, register(pyramid, views, BESIDE, PARAMS)
 
 
 @pytest.mark.parametrize("slope", [-0.2, -0.4])
 def test_what_uneven_light_pulls_is_found(soft, views, slope):
     pyramid, found = aligned(soft, views, slope)
-    off = (found.T_world_camera.inverse() @ SOMEWHERE).log()
+    off = (found.T_world_camera.inverse() @ BESIDE).log()
     bias = structure_of(pyramid, views, found, PARAMS).illumination
     assert np.linalg.norm(off[:3]) > 0.02  # or there is nothing to find
     assert bias.share > 0.3

@@ -11,7 +11,7 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.pixels.samples import Sample
-from worlds.looks import SOMEWHERE, soft_room, structure_of, views_of
+from worlds.room import BESIDE, soft_room, structure_of, views_of
 
 # Written out: imported, a change would go unseen.
 OCCLUSION_SHARE = 0.1
@@ -38,18 +38,18 @@ def cover(image, share, seed):
 
 
 def seen(room, seed):
-    image = cover(room.photograph(CAMERA, SOMEWHERE, seed), 0.4, seed)
+    image = cover(room.photograph(CAMERA, BESIDE, seed), 0.4, seed)
     return build_pyramid(image, CAMERA, PARAMS.pyramid)
 
 
 def test_the_pose_by_what_is_free_is_found(soft, views):
     pyramid = seen(soft, 22)
-    found = register(pyramid, views, SOMEWHERE, PARAMS)
-    off = found.T_world_camera.distance(SOMEWHERE)[0]
+    found = register(pyramid, views, BESIDE, PARAMS)
+    off = found.T_world_camera.distance(BESIDE)[0]
     assert off > 0.15  # or there is nothing to find
     bias = structure_of(pyramid, views, found, PARAMS).occlusion
     assert bias.share >= OCCLUSION_SHARE
-    assert (found.T_world_camera @ SE3.exp(bias.xi)).distance(SOMEWHERE)[0] < min(0.1, 0.3 * off)
+    assert (found.T_world_camera @ SE3.exp(bias.xi)).distance(BESIDE)[0] < min(0.1, 0.3 * off)
 
 
 def gradients(angle, strength, at):
@@ -82,7 +82,7 @@ def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
 def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
     place = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2])
     pyramid = seen(soft, 1)
-    found = register(pyramid, views, SOMEWHERE, PARAMS)
+    found = register(pyramid, views, BESIDE, PARAMS)
     _, alone = (structure_of(pyramid, views, found, PARAMS).occlusion for _ in range(2))
     body = replace(found, T_world_camera=found.T_world_camera @ place.inverse())
     there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).occlusion

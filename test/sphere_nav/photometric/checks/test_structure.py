@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, FrameMotion, Pinhole
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from worlds.looks import SOMEWHERE, structure_of, views_of
+from worlds.room import BESIDE, structure_of, views_of
 
 PARAMS = RegistrationParams(max_pixels=10_000)
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -19,15 +19,15 @@ def views(room):
 def test_gradients_of_another_place_do_not_agree(room, views):
     elsewhere = SE3.exp([1.0, 0.5, -0.5, 0.3, 2.0, 0.1])
     pyramid = build_pyramid(room.photograph(CAMERA, elsewhere, 1), CAMERA, PARAMS.pyramid)
-    alignment = register(pyramid, views, SOMEWHERE, replace(PARAMS, max_mad=1e3))
+    alignment = register(pyramid, views, BESIDE, replace(PARAMS, max_mad=1e3))
     assert structure_of(pyramid, views, alignment, PARAMS).agreement < 0.2
 
 
 def test_the_gradients_of_a_rolling_shutter_agree_when_its_motion_is_known(room, views):
     twist = np.array([0.02, 0.0, 0.03, 0.0, 0.02, 0.0])
-    image = np.rint(room.render_rolling(CAMERA, SOMEWHERE, twist)).astype(np.uint8)
-    motion = FrameMotion(SOMEWHERE @ SE3.exp(-twist), 1.0)
+    image = np.rint(room.render_rolling(CAMERA, BESIDE, twist)).astype(np.uint8)
+    motion = FrameMotion(BESIDE @ SE3.exp(-twist), 1.0)
     pyramid = build_pyramid(image, CAMERA, PARAMS.pyramid)
-    alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
+    alignment = register(pyramid, views, BESIDE, PARAMS, motion)
     found = structure_of(pyramid, views, alignment, PARAMS, motion)
     assert found.agreement > structure_of(pyramid, views, alignment, PARAMS).agreement

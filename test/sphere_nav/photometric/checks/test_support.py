@@ -12,9 +12,8 @@ from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.checks.support import find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
 from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
-from worlds.looks import views_of
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
-from worlds.room import optical
+from worlds.room import optical, views_of
 
 PARAMS = RegistrationParams(max_pixels=20_000, max_mad=100.0)
 PLACES = [SE3.from_planar(-2.0, 0.0, 0.0), SE3.from_planar(-1.2, 0.0, 0.0)]

@@ -7,8 +7,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.parts.registration import register_parts
-from worlds.looks import views_of
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
+from worlds.room import views_of
 
 PARAMS = RegistrationParams(max_pixels=20_000)
 FAR = TRUTH @ SE3.exp([0.15, 0.05, -0.25, 0.02, 0.06, -0.03])  # where the camera is thought to be

@@ -12,8 +12,8 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.parts.kernels import score_shifts
 from sphere_nav.photometric.parts.registration import _sampler
 from sphere_nav.photometric.parts.votes import Votes, find_shifts, finest_levels, vote
-from worlds.looks import views_of
 from worlds.parked import CAMERA, SPHERE, TRUTH, parked
+from worlds.room import views_of
 
 PARAMS = RegistrationParams(max_pixels=20_000)
 P_CHANCE = 9 / 289  # nine of 17 x 17 shifts are within a pixel of none
