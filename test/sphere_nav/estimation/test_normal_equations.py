@@ -13,8 +13,7 @@ from sphere_nav.estimation.normal_equations import (
     weighted_step,
 )
 
-# Written out: imported, a change would go unseen.
-RIDGE = 1e-9
+RIDGE = 1e-9  # written out: imported, a change would go unseen
 
 UNITS = np.array([1e6, 1.0, 1e-6])
 

@@ -7,8 +7,7 @@ from sphere_nav.estimation.gates import squared_distance, squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights, huber_weights, median_and_mad, weigh
 from sphere_nav.geometry import SE3
 
-# Written out: imported, a change would go unseen.
-CAUCHY, HUBER = 2.385, 1.345
+CAUCHY, HUBER = 2.385, 1.345  # written out: imported, a change would go unseen
 
 
 def test_median_and_mad_are_those_of_what_is_known():

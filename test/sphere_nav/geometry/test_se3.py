@@ -12,13 +12,14 @@ def assert_same(a, b, atol=EXACT):
     np.testing.assert_allclose(a.matrix, np.broadcast_to(b.matrix, a.matrix.shape), rtol=0.0, atol=atol)
 
 
-def test_group_axioms(motions):
+def test_group_axioms_and_quaternion_and_translation_rebuild_the_motion(motions):
     T_a_b, T_b_c, T_c_d = motions
     assert_same((T_a_b @ T_b_c) @ T_c_d, T_a_b @ (T_b_c @ T_c_d))
     assert_same(T_a_b @ SE3.identity(), T_a_b)
     assert_same(SE3.identity() @ T_a_b, T_a_b)
     assert_same(T_a_b @ T_a_b.inverse(), SE3.identity())
     assert_same((T_a_b @ T_b_c).inverse(), T_b_c.inverse() @ T_a_b.inverse())
+    assert_same(SE3.from_quaternion(motions[0].quaternion, motions[0].translation), motions[0])
 
 
 def test_apply_is_the_group_action(motions):
@@ -41,10 +42,6 @@ def test_adjoint_moves_a_tangent_to_the_other_side(motions, tangent):
     assert_same(SE3.exp(moved) @ T_a_b, T_a_b @ SE3.exp(tangent), atol=1e-11)
 
 
-def test_quaternion_and_translation_rebuild_the_motion(motions):
-    assert_same(SE3.from_quaternion(motions[0].quaternion, motions[0].translation), motions[0])
-
-
 def test_planar_pose_has_its_yaw():
     T_map_base = SE3.from_planar(3.0, -1.0, 2.5)
     assert T_map_base.yaw == pytest.approx(2.5, abs=EXACT)
@@ -59,15 +56,12 @@ def test_distance_is_that_of_the_motion_between(motions):
     np.testing.assert_allclose(radians, 0.25, rtol=0.0, atol=EXACT)
 
 
-def test_from_matrix_mends_rounding(motions):
+def test_from_matrix_mends_rounding_and_refuses_what_is_no_rigid_motion(motions):
     rounded = np.round(motions[0].matrix, 5)
     mended = SE3.from_matrix(rounded)
     R = mended.rotation
     np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), rtol=0.0, atol=EXACT)
     assert_same(mended, motions[0], atol=2e-5)
-
-
-def test_from_matrix_refuses_what_is_no_rigid_motion():
     mirror, perspective = np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4) + np.eye(4, k=-1) * 0.1
     for matrix in [np.eye(3), np.full((4, 4), np.nan), 1.1 * np.eye(4), mirror, perspective, np.zeros((4, 4))]:
         with pytest.raises(ValueError, match="rigid motion: expected"):

@@ -76,7 +76,7 @@ def test_association_pairs_mutually_nearest_stamps_within_the_tolerance_also_of_
         assert len(first) == len(second) == len(other)
 
 
-def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
+def test_interpolation_is_exact_on_a_constant_motion_and_does_not_cross_long_gaps():
     def moved(seconds):
         turned = SE3.exp(np.outer(seconds, [0.0, 0.0, 0.0, 0.2, -0.1, 0.3])).rotation
         return SE3.from_parts(turned, np.array([1.0, 2.0, 3.0]) + np.outer(seconds, [4.0, -5.0, 6.0]))
@@ -86,9 +86,6 @@ def test_interpolation_is_exact_on_a_constant_motion_without_translation_couplin
     found, known = Trajectory(stamps, poses).at(wanted)
     assert known.tolist() == [False, True, True, True, True, True, False]
     np.testing.assert_allclose(found.T_map_body.matrix, moved([0, 0.25, 1, 2, 3]).matrix, atol=1e-12)
-
-
-def test_interpolation_does_not_cross_long_gaps():
     trajectory = Trajectory(np.array([0, 1, 10]) * SECOND, SE3(np.repeat(np.eye(4)[None], 3, axis=0)))
     _, known = trajectory.at(np.array([0.5, 1, 5, 10]) * SECOND, max_gap_ns=2 * SECOND)
     assert known.tolist() == [True, True, False, True]

@@ -18,7 +18,7 @@ def stand(watch, clock, begin, seconds):
     return begin + int(seconds * SECOND)
 
 
-def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
+def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps_and_a_process_that_was_not_served_saw_none():
     for leap in (SECOND // 10, SECOND):
         watch = ClockWatch(GIVE_UP)
         now = stand(watch, 5 * SECOND, SECOND, 2.0)
@@ -26,29 +26,20 @@ def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
         watch.observe(5 * SECOND + leap, now + 1)
         assert not watch.is_standing
         assert not watch.is_over
-
-
-def test_a_process_that_was_not_served_did_not_see_the_clock_stand():
     watch = ClockWatch(GIVE_UP)
     for k in range(1, 4):  # three looks, 2 s apart, /clock in the queue each time
         watch.observe(5 * SECOND, 2 * k * SECOND)
     assert not watch.is_standing
 
 
-def test_only_what_is_far_ahead_of_the_clock_counts():
+def test_only_what_is_far_ahead_of_the_clock_counts_and_is_refused_and_nothing_is_younger_than_the_present():
     for lead, expected in [(-(10**12) + 1, 0.0), (0, 0.0), (MAX_AHEAD_NS, 0.0), (3600 * 10**9, 3600.0)]:
         assert ahead_s(NOW + lead, NOW) == expected
-
-
-def times(clock, own):
-    return Times(lambda: clock, lambda: own)
-
-
-def test_no_message_counts_as_younger_than_the_present_and_a_stamp_ahead_of_the_clock_is_refused():
-    assert times(100 * SECOND, 7 * SECOND).of(99 * SECOND) == 6 * SECOND
-    assert times(100 * SECOND, 7 * SECOND).of(100 * SECOND + SECOND // 20) == 7 * SECOND
+    times = Times(lambda: 100 * SECOND, lambda: 7 * SECOND)
+    assert times.of(99 * SECOND) == 6 * SECOND
+    assert times.of(100 * SECOND + SECOND // 20) == 7 * SECOND
     with pytest.raises(ValueError, match=r"expected at most 0\.1 s ahead of the clock, found 3600\.000 s"):
-        times(100 * SECOND, 7 * SECOND).of(3700 * SECOND)
+        times.of(3700 * SECOND)
 
 
 def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():

@@ -17,8 +17,7 @@ from sphere_nav.params import leaves
 from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, NodeStart, after_exit
 from worlds.rig import vertical_rig
 
-# Written out: imported, a change would go unseen.
-MAX_RESTARTS = 5
+MAX_RESTARTS = 5  # written out: imported, a change would go unseen
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}

@@ -34,10 +34,13 @@ def scan(ranges, **fields):
     return LaserScan(ranges=[float(r) for r in ranges], **(usual | fields))
 
 
-def test_beams_become_points_and_those_without_a_hit_none():
+def test_beams_become_points_and_those_without_a_hit_none_though_a_free_one_is_a_measurement():
     np.testing.assert_allclose(driving.scan_to_points(scan([2, 3, 4])), [[0, -2, 0], [3, 0, 0], [0, 4, 0]], atol=1e-6)
     assert driving.scan_to_points(scan([math.nan, math.inf, 0.05])).shape == (0, 3)
     assert driving.scan_to_points(scan([31.0, 3.0, -1.0])).shape == (1, 3)
+    ranges = [math.inf, 31.0, 30.0, 0.1001, 0.05, 0.0, -1.0, -math.inf, math.nan]
+    assert driving.measured_beams(scan(ranges)).tolist() == [True] * 4 + [False] * 5
+    assert driving.measured_beams(scan([0.0, 1.0], range_min=0.0)).tolist() == [False, True]
 
 
 def test_a_scan_without_beams_or_whose_numbers_contradict_each_other_is_refused_by_name():
@@ -59,12 +62,6 @@ def test_scanners_that_count_the_last_beam_or_do_not_or_turn_the_other_way_are_n
         for step in [math.pi / 180, -math.pi / 180]:
             message = scan([2.0] * 360, angle_min=0.0, angle_max=end * step, angle_increment=step)
             assert driving.scan_to_points(message)[90] == pytest.approx([0.0, math.copysign(2.0, step), 0.0], abs=1e-5)
-
-
-def test_a_free_beam_is_a_measurement_and_a_dead_one_is_none():
-    ranges = [math.inf, 31.0, 30.0, 0.1001, 0.05, 0.0, -1.0, -math.inf, math.nan]
-    assert driving.measured_beams(scan(ranges)).tolist() == [True] * 4 + [False] * 5
-    assert driving.measured_beams(scan([0.0, 1.0], range_min=0.0)).tolist() == [False, True]
 
 
 def test_frames_are_checked():

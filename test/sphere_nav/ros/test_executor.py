@@ -21,8 +21,7 @@ from sphere_nav.ros.node import ManagedNode
 from worlds.desk import PATIENCE, Desk
 from worlds.patience import wait_until
 
-# Written out: imported, a change would go unseen.
-MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0
+MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0  # written out: imported, a change would go unseen
 
 
 class Lines:

@@ -16,7 +16,7 @@ def ids(nodes):
 LINE = [node(k, float(k), 0.0, 0.0) for k in range(10)]
 
 
-def test_nearest_agrees_with_a_search_through_all():
+def test_nearest_agrees_with_a_search_through_all_within_limits_of_number_and_distance():
     rng = np.random.default_rng(0)
     graph = SphereGraph([node(k, *rng.normal(size=3)) for k in range(200)])
     for point in rng.normal(size=(20, 3)):
@@ -24,9 +24,6 @@ def test_nearest_agrees_with_a_search_through_all():
         assert ids(graph.nearest(point, 5)) == ids(order[:5])
         within = sorted(found.id for found in order if np.linalg.norm(found.T_map_sphere.translation - point) <= 0.5)
         assert ids(graph.near(point, 0.5)) == within
-
-
-def test_limits_of_number_and_distance():
     graph = SphereGraph(LINE[:3])
     assert ids(graph.nearest([0, 0, 0], 10)) == [0, 1, 2]
     assert ids(graph.nearest([0, 0, 0], 10, max_distance_m=1.5)) == [0, 1]

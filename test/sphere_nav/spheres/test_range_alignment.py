@@ -18,8 +18,7 @@ from sphere_nav.spheres.range_alignment import (
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import Room, optical, sharp_room
 
-# Written out: imported, a change would go unseen.
-RANGE_TURN_SHARE = 0.05
+RANGE_TURN_SHARE = 0.05  # written out: imported, a change would go unseen
 
 WHOLE = Spherical(256, 128)
 WINDOW = Spherical(160, 110, 512.0, 176.0, 60.0)
@@ -59,12 +58,15 @@ def test_a_motion_that_is_off_by_more_than_the_last_gate_does_not_fit():
     assert set(worst.argmax(axis=1)) == {0, 1}  # the turn tells the least, or the position
 
 
-def test_a_single_wall_holds_no_motion():
+def test_a_single_wall_holds_no_motion_and_nothing_in_common_is_nothing():
     """It could be slid along: not observable."""
     rays = pixel_rays(WINDOW)
     wall = Sphere(np.ones(rays.shape[:2], np.uint8), (2.0 / rays[..., 0]).astype(np.float32), WINDOW)
     found = align_ranges(RangeImage.from_sphere(wall), RangeImage.from_sphere(wall), SE3.identity())
     assert found is None or not found.is_good
+    back = SE3.from_planar(0.0, 0.0, np.pi)
+    turned = RangeImage.from_sphere(Room().sphere(back, WINDOW))
+    assert align_ranges(ranges(SE3.identity(), WINDOW), turned, back) is None
 
 
 def test_what_is_not_measured_plays_no_part():
@@ -73,12 +75,6 @@ def test_what_is_not_measured_plays_no_part():
     holes[:, 40:110], holes[60:] = np.nan, np.inf
     fit = align_ranges(ranges(T_A), RangeImage.from_sphere(replace(sphere, range_m=holes)), T_A_B @ SE3.exp([0.05] * 6))
     assert T_A_B.distance(fit.T_a_b)[0] < 0.005
-
-
-def test_nothing_in_common_is_nothing():
-    back = SE3.from_planar(0.0, 0.0, np.pi)
-    turned = RangeImage.from_sphere(Room().sphere(back, WINDOW))
-    assert align_ranges(ranges(SE3.identity(), WINDOW), turned, back) is None
 
 
 PINHOLE = Pinhole(128, 96, 90.0, 90.0, 63.5, 47.5)

@@ -81,16 +81,13 @@ def test_the_unknown_continues_the_nearest_known():
         assert continued(values, same) is values
 
 
-def test_a_depth_of_another_kind_or_size_is_refused():
+def test_a_depth_or_deviation_of_another_kind_or_size_is_refused():
     wrong = [((8, 16), np.uint16, "16 x 8 uint16"), ((8, 15), float, "15 x 8 f"), ((8, 16, 1), float, "16 x 8 x 1 f")]
     for shape, kind, found in wrong:
         with pytest.raises(ValueError, match=f"depth: expected 16 x 8 metres, found {found}"):
             check_depth(np.ones(shape, kind), CAMERA)
     for kind in (np.float32, np.float64):
         check_depth(np.ones((8, 16), kind), CAMERA)
-
-
-def test_the_deviation_fits_the_range():
     Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1))
     with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])

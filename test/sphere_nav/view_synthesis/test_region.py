@@ -30,9 +30,9 @@ def test_at_the_sphere_all_is_usable_never_more_away_from_it_and_less_before_a_w
     assert before < 0.8 * behind
 
 
-@pytest.mark.parametrize(("range_m", "share"), [(290.0, 1.0), (310.0, 0.0)])
-def test_what_is_farther_than_300_m_tells_no_place(range_m, share):
-    assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(share, abs=0.01)
+def test_what_is_farther_than_300_m_tells_no_place():
+    for range_m, share in [(290.0, 1.0), (310.0, 0.0)]:
+        assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(share, abs=0.01)
 
 
 def test_twice_the_room_has_twice_the_region_and_without_range_there_is_none(sphere):
@@ -63,10 +63,10 @@ def share_in_a_ball(shift):
     return float(np.sum(np.cos(elevation) * is_alike) / np.sum(np.cos(elevation)))
 
 
-@pytest.mark.parametrize("shift", [(0.6, 0.0, 0.0), (0.5, 0.5, 0.2)])
-def test_within_a_ball_the_usable_share_is_the_one_in_closed_form(shift):
-    found = usable_share(surface_of(ball(5.0)), 5.0 * np.array(shift))
-    assert found == pytest.approx(share_in_a_ball(np.array(shift)), abs=0.03)
+def test_within_a_ball_the_usable_share_is_the_one_in_closed_form():
+    for shift in [(0.6, 0.0, 0.0), (0.5, 0.5, 0.2)]:
+        found = usable_share(surface_of(ball(5.0)), 5.0 * np.array(shift))
+        assert found == pytest.approx(share_in_a_ball(np.array(shift)), abs=0.03)
 
 
 def test_the_radius_is_where_a_fifth_is_left():

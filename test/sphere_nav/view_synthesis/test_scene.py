@@ -16,8 +16,7 @@ from worlds.localizer import MemoryMap, make_map
 from worlds.patience import wait_until
 from worlds.room import optical
 
-# Written out: imported, a change would go unseen.
-MIN_KEPT = 4
+MIN_KEPT = 4  # written out: imported, a change would go unseen
 
 PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 PLACES = [SE3.from_planar(x, 0.0, 0.3 * i) for i, x in enumerate(np.linspace(-2.5, 2.5, 8))]

@@ -91,7 +91,7 @@ def test_image_border_is_half_a_pixel_beyond_the_outer_centers(camera):
     assert visible[0] == np.isfinite(rays[0]).all()
 
 
-def test_an_uncalibrated_camera_or_an_empty_image_is_refused():
+def test_an_uncalibrated_camera_an_empty_image_or_an_impossible_sphere_is_refused():
     for model in [Pinhole, Fisheye, DoubleSphere]:
         for focal in [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (np.inf, 1.0)]:
             with pytest.raises(ValueError, match="focal length: expected positive"):
@@ -99,6 +99,9 @@ def test_an_uncalibrated_camera_or_an_empty_image_is_refused():
     for make in [lambda w, h: Pinhole(w, h, 1, 1, 0, 0), lambda w, h: Fisheye(w, h, 1, 1, 0, 0), Spherical]:
         with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
             make(0, 4)
+    for arguments in [(512, 512), (200, 100, 100.0), (4, 2, np.nan), (4, 2, 8.0, np.inf)]:
+        with pytest.raises(ValueError, match="sphere"):
+            Spherical(*arguments)
 
 
 def test_pixel_rays_lead_back_to_their_pixels():
@@ -144,12 +147,6 @@ def test_halving_keeps_a_window_inside_the_same_sphere():
     assert (half.full_width, half.offset_u, half.offset_v) == (256.0, 210.5, 40.5)
     assert not half.is_whole
     assert SPHERE.halve().is_whole
-
-
-def test_impossible_spheres_are_refused():
-    for arguments in [(512, 512), (200, 100, 100.0), (4, 2, np.nan), (4, 2, 8.0, np.inf)]:
-        with pytest.raises(ValueError, match="sphere"):
-            Spherical(*arguments)
 
 
 def test_the_derivative_stays_finite_at_the_poles():

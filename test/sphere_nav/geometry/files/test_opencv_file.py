@@ -8,8 +8,7 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import read_opencv
 from worlds.foreign import read_foreign
 
-# Written out: imported, a change would go unseen.
-MAX_SKEW = 1e-6
+MAX_SKEW = 1e-6  # written out: imported, a change would go unseen
 
 K = np.array([[535.9, 0.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
 K2 = K + np.diag([7.0, 6.0, 0.0])

@@ -26,15 +26,19 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     return classify(found, normal_matrix(found, has_light=True), descent, 5, overlap, params)
 
 
-def test_a_good_end_is_good(room):
+def test_a_good_end_is_good_and_its_correlation_that_of_the_pixels(room):
     found = judged(room, noise=2.0)
     assert found.is_converged
     assert found.ncc > 0.98
     assert found.mad == pytest.approx(0.6745 * 2.0, rel=0.1)  # of normal noise
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+    # of noise and image: ncc^2 is the share of the variance that the image explains
+    found = judged(room, noise=20.0)
+    variance = float(np.var(room.render(CAMERA, T_BODY_OPTICAL)[0]))
+    assert found.ncc == pytest.approx(np.sqrt(variance / (variance + 20.0**2)), abs=0.02)
 
 
-def test_every_cause_has_its_name(room):
+def test_every_cause_has_its_name_and_an_increment_of_25_smallest_ones_is_no_convergence(room):
     for reason, arguments in [
         ("LOW_OVERLAP", {"overlap": 0.05}),
         ("NO_CONVERGENCE", {"motion": 3.0}),
@@ -45,19 +49,9 @@ def test_every_cause_has_its_name(room):
         found = judged(room, **arguments)
         assert found.reason == reason
         assert not found.is_converged
-
-
-def test_an_increment_of_25_smallest_ones_is_no_convergence(room):
     for share, reason in [(0.99, ""), (1.01, "NO_CONVERGENCE")]:
         params = RegistrationParams(min_step=0.03)
         assert judged(room, params, motion=share * 25.0 * params.min_step).reason == reason
-
-
-def test_the_correlation_is_that_of_the_pixels(room):
-    """Of noise and image: ncc^2 is the share of the variance that the image explains."""
-    found = judged(room, noise=20.0)
-    variance = float(np.var(room.render(CAMERA, T_BODY_OPTICAL)[0]))
-    assert found.ncc == pytest.approx(np.sqrt(variance / (variance + 20.0**2)), abs=0.02)
 
 
 WIDE = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)

@@ -13,8 +13,7 @@ from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import BESIDE, soft_room, structure_of, views_of
 
-# Written out: imported, a change would go unseen.
-OCCLUSION_SHARE = 0.1
+OCCLUSION_SHARE = 0.1  # written out: imported, a change would go unseen
 
 PARAMS = RegistrationParams(max_pixels=10_000, max_mad=100.0)
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -118,18 +117,11 @@ def test_cells_are_eight_by_six():
         assert found_of(in_grid(np.where(is_left, -1.0, 1.0)))[0] == pytest.approx(share)
 
 
-def test_a_tenth_of_the_texture_is_an_occlusion():
-    for cells, is_occluded in [(4, False), (5, True)]:
+def test_a_tenth_of_the_texture_is_an_occlusion_and_by_less_than_three_tenths_of_the_pixels_nothing_is_told():
+    for cells, is_occluded in [(4, False), (5, True), (33, True), (34, False)]:
         share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
         assert share == pytest.approx(cells / 48)
         assert is_biased == is_occluded
-
-
-def test_by_less_than_three_tenths_of_the_pixels_nothing_is_told():
-    for cells, is_told in [(33, True), (34, False)]:
-        share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
-        assert share == pytest.approx(cells / 48)
-        assert is_biased == is_told
 
 
 def test_the_best_quarter_of_the_cells_is_typical():

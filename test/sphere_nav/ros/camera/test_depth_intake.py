@@ -11,8 +11,7 @@ from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.node import ManagedNode
 
-# Written out: imported, a change would go unseen.
-SLACK_S = 0.01
+SLACK_S = 0.01  # written out: imported, a change would go unseen
 
 SECOND = 10**9
 CAMERA, DEPTH_CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5), Pinhole(12, 6, 9.0, 8.0, 5.5, 2.5)

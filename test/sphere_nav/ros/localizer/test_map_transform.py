@@ -13,8 +13,7 @@ from sphere_nav.ros.localizer.map_transform import MapTransform
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 
-# Written out: imported, a change would go unseen.
-AHEAD_NS = 100_000_000
+AHEAD_NS = 100_000_000  # written out: imported, a change would go unseen
 
 SECOND = 10**9
 T_MAP_ODOM, T_ODOM_BASE = SE3.from_planar(3.0, 1.0, 0.7), SE3.from_planar(1.0, 2.0, 0.3)

@@ -14,8 +14,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_pose_with_covariance, stamp_ns
 from sphere_nav.ros.localizer.node import LocalizerNode
 
-# Written out: imported, a change would go unseen.
-NUM_COUNTED, STANDSTILL_S = 20, 1.0
+NUM_COUNTED, STANDSTILL_S = 20, 1.0  # written out: imported, a change would go unseen
 
 CAMERA = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5)
 SECOND = 10**9

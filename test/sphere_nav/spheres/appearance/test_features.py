@@ -87,8 +87,7 @@ def test_the_strongest_features_are_kept_and_none_at_the_poles():
     np.testing.assert_array_equal(few.descriptors, found.descriptors[:20])
 
 
-# Written out: imported, a change would go unseen.
-MIN_COSINE = 0.86
+MIN_COSINE = 0.86  # written out: imported, a change would go unseen
 
 
 def random_units(rng, number):
@@ -112,7 +111,7 @@ def test_what_is_unlike_becomes_a_word_and_what_is_like_takes_it_also_in_one_ima
     np.testing.assert_array_equal(found, [0, 1, 2, 0, 1, 2])
 
 
-def test_words_are_restored_from_what_was_stored(rng):
+def test_words_are_apart_and_restored_from_what_was_stored(rng):
     first, second = random_units(rng, 30), random_units(rng, 30)
     book, again = Dictionary(), Dictionary()
     for descriptors in (first, second):
@@ -120,9 +119,6 @@ def test_words_are_restored_from_what_was_stored(rng):
     np.testing.assert_array_equal(again.words, book.words)
     with pytest.raises(ValueError, match="expected the next to be 60"):
         again.restore(first, np.full(30, 99))
-
-
-def test_words_are_apart(rng):
     book = Dictionary()
     for _ in range(5):
         book.learn(near(rng, random_units(rng, 20), 0.5))
