@@ -19,9 +19,7 @@ def trajectory():
     return Trajectory(stamps, SE3.exp(rng.normal(size=(30, 6))), factor @ np.swapaxes(factor, -1, -2))
 
 
-def test_a_tum_file_keeps_nanoseconds_poses_and_covariances_but_none_of_an_earlier_run_or_other_stamps(
-    tmp_path, trajectory
-):
+def test_a_tum_file_keeps_nanoseconds_poses_and_covariances_but_none_of_others(tmp_path, trajectory):
     write_tum(tmp_path / "poses.tum", trajectory)
     found = read_tum(tmp_path / "poses.tum")
     np.testing.assert_array_equal(found.stamps_ns, trajectory.stamps_ns)

@@ -28,7 +28,6 @@ ABSOLUTE = {"/tf", "/tf_static", "/clock"}
 
 @pytest.fixture(autouse=True)
 def _files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the arguments name, in this folder."""
     monkeypatch.chdir(tmp_path)
     write_rig(tmp_path / "rig.yaml", vertical_rig())
     (tmp_path / "town.ply").touch()
@@ -46,9 +45,13 @@ def name_of(path: Path) -> str:
     return path.name.removesuffix(".launch.py")
 
 
-def test_every_composition_has_its_launch_file() -> None:
+def test_every_composition_has_its_launch_file_whose_examples_name_arguments() -> None:
     assert {name_of(path) for path in LAUNCH_FILES} == set(COMPOSITIONS)
     assert set(BY_NAME) - {start.node for name in COMPOSITIONS for start in starts(name)} == set()
+    for path in LAUNCH_FILES:
+        for command in re.findall(r"\.launch\.py (\S.*)", ast.get_docstring(ast.parse(path.read_text())) or ""):
+            words = re.findall(r"(\w+):=", command)
+            assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
 
 
 def test_nodes_and_their_parameters_exist() -> None:
@@ -107,9 +110,7 @@ def keys(folder: Path, starts: list[NodeStart], monkeypatch: pytest.MonkeyPatch)
     return files
 
 
-def test_no_node_starts_without_its_keys_where_security_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_node_starts_without_its_keys_where_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     navigation, given = COMPOSITIONS["navigation"], {"map": "campus", "security": "true", "namespace": "car2"}
     starts = navigation.starts(given)
     assert [start.enclave for start in starts] == ["/car2/dense_localizer", "/car2/path_follower"]
@@ -196,13 +197,6 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
         for context in (running, ending):
             with pytest.raises(RuntimeError, match=f"{start.node} ended with status 2"):
                 node.on_exit(types.SimpleNamespace(returncode=2), context)
-
-
-def test_examples_of_launch_files_name_arguments() -> None:
-    for path in LAUNCH_FILES:
-        for command in re.findall(r"\.launch\.py (\S.*)", ast.get_docstring(ast.parse(path.read_text())) or ""):
-            words = re.findall(r"(\w+):=", command)
-            assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
 
 
 def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:

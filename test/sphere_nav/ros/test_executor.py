@@ -185,8 +185,6 @@ def test_level_and_line_of_the_diagnostics():
 
 # --- a whole node, and what rclpy opens for it
 class Echoed(Desk):
-    """A node of ours and a plain one in the guarded executor."""
-
     def __init__(self, **values):
         self.shell = LiveShell(Echo, parameter_overrides=[Setting(name, value=value) for name, value in values.items()])
         super().__init__(self.shell, executor=GuardedExecutor(self.shell.failures))
@@ -204,8 +202,6 @@ class Echoed(Desk):
         return answer.result()
 
     def works(self, number):
-        """Whether a number comes back."""
-
         def prod():
             self.numbers.publish(Int32(data=number))
             return number in self.heard

@@ -66,8 +66,6 @@ class Doubler(ManagedNode):
 
 
 class Doubled(Desk):
-    """A Doubler and an ordinary node beside it."""
-
     def __init__(self, **values):
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.shell = LiveShell(Doubler, parameter_overrides=overrides)

@@ -24,6 +24,7 @@ WHOLE = Spherical(256, 128)
 WINDOW = Spherical(160, 110, 512.0, 176.0, 60.0)
 T_A, T_B = SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.6, -0.1, 0.55)
 T_A_B = T_A.inverse() @ T_B
+FROM_AFAR = [(WHOLE, 0.0, 3.0), (WHOLE, 0.005, 6.0), (WINDOW, 0.005, 12.0)]  # camera, noise, limit in mm
 
 
 def ranges(pose, camera=WHOLE, noise=0.0):
@@ -34,9 +35,7 @@ def ranges(pose, camera=WHOLE, noise=0.0):
     return RangeImage.from_sphere(Sphere(dark, rough.astype(np.float32), camera))
 
 
-@pytest.mark.parametrize(
-    ("camera", "noise", "limit_mm"), [(WHOLE, 0.0, 3.0), (WHOLE, 0.005, 6.0), (WINDOW, 0.005, 12.0)]
-)
+@pytest.mark.parametrize(("camera", "noise", "limit_mm"), FROM_AFAR)
 def test_a_motion_is_found_from_afar(camera, noise, limit_mm):
     guess = T_A_B @ SE3.exp([0.15, -0.1, 0.08, 0.03, -0.04, 0.1])
     fit = measure_motion_by_ranges(ranges(T_A, camera, noise=noise), ranges(T_B, camera, noise=noise), guess)

@@ -22,9 +22,8 @@ def gray(value=100):
 
 def test_optical_axes_become_body_axes():
     z_forward, x_right, y_down = np.eye(3)[[2, 0, 1]]
-    np.testing.assert_array_equal(
-        T_BODY_OPTICAL.apply(np.array([z_forward, x_right, y_down])), [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
-    )
+    found = T_BODY_OPTICAL.apply(np.array([z_forward, x_right, y_down]))
+    np.testing.assert_array_equal(found, [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 
 
 def test_points_are_where_their_pixels_look_and_unknown_ones_are_left_out():

@@ -18,16 +18,13 @@ from sphere_nav.geometry.files.untrusted import (
 )
 
 
-def test_a_number_however_it_is_written_and_what_is_none_is_one_short_line():
+def test_a_number_however_it_is_written_a_list_of_the_length_asked_for_and_what_is_none():
     for found in [1, 1.0, "1", "1e0", " 1 "]:
         assert number(found, "x") == 1.0
     for found in ["nan", "", [1], 10**5000, "9" * 100]:
         with pytest.raises(ValueError, match="x: expected a finite number") as caught:
             number(found, "x")
         assert len(str(caught.value)) < 150
-
-
-def test_a_list_has_the_length_that_is_asked_for():
     assert numbers([1, "2"], "x", 2) == (1.0, 2.0)
     for found in ([1], [1, 2, 3], "12", None):
         with pytest.raises(ValueError, match="x: expected"):

@@ -35,9 +35,7 @@ def test_mcap_is_read_by_ourselves_and_of_a_folder_the_one_database_is_meant(tmp
 def test_readers_of_other_bags_and_what_they_need_are_not_loaded_before_there_is_one():
     heavy = "sqlite3", "sphere_nav.ros.bags.foreign", "scipy.special"
     hide = "sys.modules['coverage'] = None"  # with it numba loads sqlite3, whatever we do
-    code = (
-        f"import sys; {hide}; import dense_localizer.ros.node; print([name for name in {heavy} if name in sys.modules])"
-    )
+    code = f"import sys; {hide}; import dense_localizer.ros.node; print([one for one in {heavy} if one in sys.modules])"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.strip() == "[]"
 

@@ -69,9 +69,8 @@ def test_a_topic_of_another_encoding_is_named_and_the_others_are_read(tmp_path, 
             assert {name: info.count for name, info in bag.topics.items()} == {"/1": 3}
             assert [item.message.data for item in bag.messages()] == ["0", "1", "2"]
             assert bag.num_messages == len([*bag.raw()]) == 3
-    assert [record.message for record in caplog.records] == [
-        f"{path}: not readable, passed over: /0 (json), /2 (protobuf): expected encoding cdr"
-    ]
+    line = f"{path}: not readable, passed over: /0 (json), /2 (protobuf): expected encoding cdr"
+    assert [record.message for record in caplog.records] == [line]
     assert salvage(path, tmp_path / "saved") == 3
     with pytest.raises(BagError, match=r"none.mcap: expected topics of encoding cdr, found /0 \(ros1\)"):
         BagReader(write_mixed(tmp_path / "none.mcap", ["ros1"]))

@@ -45,13 +45,21 @@ def test_metadata_is_in_the_folder_and_in_the_file(make_bag):
     assert len(chunks) == 4  # as `make_bag` ends them
 
 
-def test_a_bag_is_not_there_before_it_is_complete(tmp_path):
+def test_a_bag_is_not_there_before_it_is_complete_and_nothing_is_overwritten(make_bag, tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag.write("text", String(data="a"), 1)
     assert not (tmp_path / "bag").exists()
     assert bag.close() == tmp_path / "bag"
     assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag_0.mcap", "metadata.yaml"]
     assert not (tmp_path / "bag.partial").exists()
+    path = make_bag("made")
+    before = (path / "made_0.mcap").read_bytes()
+    with pytest.raises(BagError, match="expected no such file or folder"):
+        BagWriter(path)
+    assert (path / "made_0.mcap").read_bytes() == before
+    BagWriter(tmp_path / "cut")
+    with pytest.raises(BagError, match=r"cut\.partial: a run that is still writing, or the remains of one"):
+        BagWriter(tmp_path / "cut")
 
 
 def test_an_exception_leaves_nothing_behind_and_a_full_disk_names_the_file(tmp_path, monkeypatch):
@@ -72,17 +80,6 @@ def test_an_exception_leaves_nothing_behind_and_a_full_disk_names_the_file(tmp_p
     with pytest.raises(OSError, match=r"No space left on device: '.*bag\.partial/bag_0\.mcap'"):
         write(lambda bag: monkeypatch.setattr(bag._mcap, "finish", fail))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_nothing_is_overwritten(make_bag, tmp_path):
-    path = make_bag()
-    before = (path / "bag_0.mcap").read_bytes()
-    with pytest.raises(BagError, match="expected no such file or folder"):
-        BagWriter(path)
-    assert (path / "bag_0.mcap").read_bytes() == before
-    BagWriter(tmp_path / "cut")
-    with pytest.raises(BagError, match=r"cut\.partial: a run that is still writing, or the remains of one"):
-        BagWriter(tmp_path / "cut")
 
 
 def test_what_was_flushed_survives_a_crash(tmp_path):

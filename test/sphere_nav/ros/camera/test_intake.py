@@ -20,6 +20,7 @@ from sphere_nav.ros.conversions import (
     se3_to_transform,
 )
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 SECOND = 10**9
 CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5)
@@ -28,8 +29,6 @@ MOUNT = SE3.exp([0.5, 0.0, 1.4, -0.3, 0.1, 0.3])
 
 
 class Gate:
-    """An intake on a bus, and what it hands on."""
-
     def __init__(self, *, has_sphere_info=False, **values):
         self.bus, self.pictures, self.refusals = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
@@ -102,20 +101,14 @@ def test_too_long_without_a_transform_is_said_and_a_jump_of_the_clock_drops_what
     assert gate.stamps() == [2]
 
 
-@pytest.mark.parametrize("values", [{"base_frame": "optical"}, {"base_frame": ""}])
-def test_no_transform_is_needed_where_the_camera_is_the_base(values):
-    gate = Gate(**values)
-    gate.info()
-    gate.image(1)
-    np.testing.assert_array_equal(gate.pictures[0].T_base_camera.matrix, np.eye(4))
-
-
-def test_a_mounting_takes_the_place_of_tf():
-    gate = Gate(mounting="1,2,3,0,0,0")
-    gate.info()
-    gate.image(1)
-    T_base_camera = gate.pictures[0].T_base_camera
-    np.testing.assert_allclose(T_base_camera.apply([0.0, 0.0, 1.0])[0], [2.0, 2.0, 3.0], atol=1e-12)  # looks ahead
+def test_no_transform_is_needed_where_the_camera_is_the_base_or_its_mounting_is_given():
+    base, mounted = SE3.identity(), SE3.from_parts(T_BODY_OPTICAL.rotation, [1.0, 2.0, 3.0])  # which looks ahead
+    places = [({"base_frame": "optical"}, base), ({"base_frame": ""}, base), ({"mounting": "1,2,3,0,0,0"}, mounted)]
+    for values, expected in places:
+        gate = Gate(**values)
+        gate.info()
+        gate.image(1)
+        np.testing.assert_allclose(gate.pictures[0].T_base_camera.matrix, expected.matrix, atol=1e-12)
 
 
 def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():

@@ -14,8 +14,6 @@ CERTAIN = 0.01 * np.eye(6)
 
 
 class Lonely(ManagedNode):
-    """Has a pose or not, and a peer."""
-
     NAME = "lonely"
 
     def configure(self):

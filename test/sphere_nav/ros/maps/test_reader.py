@@ -27,7 +27,7 @@ def saved(sphere_graph, tmp_path):
     return save_map(tmp_path / "map", sphere_graph, DETAILS)
 
 
-def test_a_map_comes_back(saved, sphere_graph):
+def test_a_map_comes_back_and_all_spheres_are_read_small_at_once(saved, sphere_graph):
     with open_map(saved) as reader:
         assert reader.info.map_id == "yard"
         assert reader.info.num_spheres == 3
@@ -35,7 +35,7 @@ def test_a_map_comes_back(saved, sphere_graph):
         assert reader.info.length == pytest.approx(length)
         assert reader.parameters == {"mapper.levels": 4}
         assert all(node.sphere is None for node in reader.graph)
-        graph = load_all(reader)
+        graph, found = load_all(reader), reader.coarse_spheres()
     for before, after in zip(sphere_graph, graph, strict=True):
         assert (after.id, after.stamp_ns) == (before.id, before.stamp_ns)
         np.testing.assert_allclose(after.T_map_sphere.matrix, before.T_map_sphere.matrix, atol=1e-12)
@@ -45,6 +45,11 @@ def test_a_map_comes_back(saved, sphere_graph):
     for before, after in zip(sphere_graph.edges, graph.edges, strict=True):
         assert (after.a, after.b, after.is_loop) == (before.a, before.b, before.is_loop)
         np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
+    assert list(found) == [node.id for node in sphere_graph]
+    for node in sphere_graph:
+        expected = coarse_sphere(node.sphere)
+        np.testing.assert_array_equal(found[node.id].image, expected.image)
+        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
 
 
 @pytest.mark.parametrize("told", ["kitchen.yaml", [0, 0, 1, 0, 0], [0, 0, "high", 0, 0, 0], [0, 0, 4e3, 0, 0, 0], 7])
@@ -63,16 +68,6 @@ def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
         of_spheres = [index for index in file.summary.chunk_indexes if channel in index.message_index_offsets]
         assert len(of_spheres) == 3
         assert all(len(file.chunk(index)) == 1 for index in of_spheres)
-
-
-def test_all_spheres_are_read_small_at_once(saved, sphere_graph):
-    with open_map(saved) as reader:
-        found = reader.coarse_spheres()
-    assert list(found) == [node.id for node in sphere_graph]
-    for node in sphere_graph:
-        expected = coarse_sphere(node.sphere)
-        np.testing.assert_array_equal(found[node.id].image, expected.image)
-        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
 
 
 def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
