@@ -1,7 +1,5 @@
 """Trust is earned, lowered and lost."""
 
-from functools import partial
-
 from sphere_nav.localization import State, StateMachine
 from sphere_nav.localization.params import StateParams
 
@@ -17,18 +15,25 @@ def started() -> StateMachine:
     return machine
 
 
+def confirm(machine: StateMachine, *goods: bool) -> list[State]:
+    """Return the states after images that are good or not."""
+    states = []
+    for is_good in goods:
+        machine.confirm(SECOND, is_good=is_good)
+        states.append(machine.state)
+    return states
+
+
 def tracking() -> StateMachine:
     machine = started()
-    for _ in range(machine.probation_images):
-        machine.confirm(SECOND, is_good=True)
-    assert machine.state is State.TRACKING
+    assert confirm(machine, *[True] * machine.probation_images)[-1] is State.TRACKING
     return machine
 
 
 def test_a_start_passes_through_search_and_probation():
     machine = StateMachine(PARAMS)
-    confirm, seen = partial(machine.confirm, SECOND, is_good=True), [(machine.state, machine.is_trusted)]
-    for step in (machine.reset, machine.search, machine.start, confirm, confirm, confirm):
+    seen = [(machine.state, machine.is_trusted)]
+    for step in (machine.reset, machine.search, machine.start, *[lambda: confirm(machine, True)] * 3):
         step()
         seen.append((machine.state, machine.is_trusted))
     passed = [State.NOT_LOCALISED, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3]
@@ -36,12 +41,8 @@ def test_a_start_passes_through_search_and_probation():
 
 
 def test_a_poor_frame_starts_the_probation_again():
-    machine = started()
-    for is_good in (True, True, False, True, True):
-        machine.confirm(SECOND, is_good=is_good)
-    assert machine.state is State.PROBATION
-    machine.confirm(SECOND, is_good=True)
-    assert machine.state is State.TRACKING
+    states = confirm(started(), True, True, False, True, True, True)
+    assert states == [State.PROBATION] * 5 + [State.TRACKING]
 
 
 def test_an_image_may_count_for_several_or_for_none():
@@ -68,16 +69,8 @@ def test_a_refused_image_or_doubt_degrades_and_good_ones_restore():
     machine.refuse(is_lost=False)
     assert machine.state is State.DEGRADED
     assert machine.is_trusted
-    machine.confirm(SECOND, is_good=True)
-    assert machine.state is State.DEGRADED
-    machine.confirm(SECOND, is_good=True)
-    assert machine.state is State.TRACKING
-    machine = tracking()
-    states = []
-    for is_good in (False, True, False, True, True):
-        machine.confirm(SECOND, is_good=is_good)
-        states.append(machine.state)
-    assert states == [State.DEGRADED] * 4 + [State.TRACKING]
+    assert confirm(machine, True, True) == [State.DEGRADED, State.TRACKING]
+    assert confirm(machine, False, True, False, True, True) == [State.DEGRADED] * 4 + [State.TRACKING]
 
 
 def test_a_pose_given_up_is_lost_and_not_found_again_by_images_that_confirm_nor_said_to_be_there_after_silence():
@@ -90,9 +83,7 @@ def test_a_pose_given_up_is_lost_and_not_found_again_by_images_that_confirm_nor_
     assert machine.after_silence is State.NOT_LOCALISED
     machine = tracking()
     machine.lose()
-    for _ in range(50):
-        machine.confirm(SECOND, is_good=True)
-    assert machine.state is State.LOST
+    assert confirm(machine, *[True] * 50) == [State.LOST] * 50
     assert not machine.is_following
 
 
@@ -110,8 +101,7 @@ def test_a_loss_is_forgiven_after_a_minute_of_tracking_each_without_doubts_betwe
     for _ in range(2):
         machine.lose()
     machine.start()
-    for _ in range(machine.probation_images):
-        machine.confirm(SECOND, is_good=True)
+    confirm(machine, *[True] * machine.probation_images)
     losses = []
     for second in (10, 70, 71, 131, 132, 999):  # tracking counts from the first image after the probation
         machine.confirm(second * SECOND, is_good=True)

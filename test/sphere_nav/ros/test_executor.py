@@ -5,7 +5,6 @@ from contextlib import ExitStack, closing
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.node import Node
 from rclpy.parameter import Parameter as Setting
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -18,8 +17,7 @@ from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
-from worlds.desk import PATIENCE, Desk
-from worlds.patience import wait_until
+from worlds.desk import Desk
 
 MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0  # written out: imported, a change would go unseen
 
@@ -61,24 +59,10 @@ def failures():
 
 
 @pytest.fixture
-def executor(ros, failures):
-    executor = GuardedExecutor(failures)
-    yield executor
-    for node in executor.get_nodes():
-        executor.remove_node(node)
-        node.destroy_node()
-    executor.shutdown()
-
-
-@pytest.fixture
-def node(executor):
-    node = Node("plain")
-    executor.add_node(node)
-    return node
-
-
-def until(executor, is_done):
-    assert wait_until(is_done, PATIENCE, lambda: executor.spin_once(timeout_sec=0.05)), "nothing came in time"
+def bare(ros, failures):
+    """A plain node in the guarded executor."""
+    with closing(Desk(executor=GuardedExecutor(failures))) as desk:
+        yield desk
 
 
 # --- each kind of callback
@@ -86,7 +70,8 @@ ERRORS = [ValueError("one"), ZeroDivisionError(), OverflowError("big"), MemoryEr
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, failures, error):
+def test_a_callback_of_any_kind_is_called_again_after_it_raised(bare, failures, error):
+    node, executor = bare.peer, bare.executor
     calls = {"timer": 0, "subscription": 0, "service": 0, "guardcondition": 0, "task": 0}
 
     def fail(kind, *passed):
@@ -98,7 +83,7 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
     node.create_service(Trigger, "act", lambda request, response: fail("service"))
     condition = node.create_guard_condition(lambda: fail("guardcondition"))
     numbers, client = node.create_publisher(Int32, "number", 10), node.create_client(Trigger, "act")
-    until(executor, lambda: numbers.get_subscription_count() and client.service_is_ready())
+    bare.until(lambda: numbers.get_subscription_count() and client.service_is_ready())
 
     def prod():
         numbers.publish(Int32())
@@ -107,7 +92,7 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
         executor.create_task(lambda: fail("task"))
         return min(calls.values()) >= 3
 
-    until(executor, prod)
+    bare.until(prod)
     assert failures.num_failed == sum(calls.values())
     texts = [line for line in failures._log.lines if line.startswith("callback failed: ")]
     assert {text.split(": ")[1].split(" ")[0] for text in texts} == {*calls}
@@ -116,12 +101,12 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
     assert len(traced) == 1  # of one place, once
 
 
-def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(executor, node, monkeypatch):
+def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(bare, monkeypatch):
     """rclpy marks an entity as busy before it takes the message, and leaves it so where that raises."""
-    heard = []
+    node, executor, heard = bare.peer, bare.executor, []
     node.create_subscription(Int32, "number", lambda message: heard.append(message.data), 10)
     numbers = node.create_publisher(Int32, "number", 10)
-    until(executor, numbers.get_subscription_count)
+    bare.until(numbers.get_subscription_count)
     take, is_broken = executor._take_subscription, [True]
 
     def take_badly(subscription):
@@ -134,14 +119,14 @@ def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_servic
     monkeypatch.setattr(executor, "_take_subscription", take_badly)
     for number in (1, 2):
         numbers.publish(Int32(data=number))
-    until(executor, lambda: heard)
+    bare.until(lambda: heard)
     assert heard == [2]
     assert "subscription /number: 'utf-8' codec" in executor.last_failure
 
 
 @pytest.mark.slow
-def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loop(executor, node, monkeypatch):
-    ticks = []
+def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loop(bare, monkeypatch):
+    node, executor, ticks = bare.peer, bare.executor, []
     node.create_timer(0.001, lambda: ticks.append(1))
     wait, broken = executor.wait_for_ready_callbacks, [1] * (MAX_WAITS - 1)
 
@@ -152,7 +137,7 @@ def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loo
         return wait(*args)
 
     monkeypatch.setattr(executor, "wait_for_ready_callbacks", wait_badly)
-    until(executor, lambda: ticks)
+    bare.until(lambda: ticks)
     broken += [1] * 2 * MAX_WAITS
     executor.spin_until(Future())
     assert len(broken) == MAX_WAITS

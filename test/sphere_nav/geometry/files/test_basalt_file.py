@@ -8,7 +8,7 @@ import pytest
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
 from sphere_nav.geometry.files.basalt_file import read_basalt
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
 SIZE = (640, 480)
 RADTAN8 = (0.1, 0.02, 1e-3, -2e-4, 0.003, 0.2, 0.03, 0.001)
@@ -91,7 +91,4 @@ def test_a_defect_is_one_line_with_its_place(path):
         values = calibration()
         change(values["value0"])
         path.write_text(json.dumps(values))
-        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-            read_basalt(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_basalt, path)

@@ -7,6 +7,7 @@ import yaml
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.kalibr_file import join_chains, read_kalibr
+from worlds.foreign import refusal
 
 CAMERAS = (
     Pinhole(752, 480, 458.654, 457.296, 367.215, 248.375, (-0.283, 0.0739, 1.9e-4, 1.7e-05)),
@@ -119,10 +120,7 @@ def test_a_defect_is_one_line_with_its_place(path):
         values = camchain()
         change(values)
         path.write_text(yaml.safe_dump(values))
-        with pytest.raises(ValueError, match=r"camchain\.yaml: ") as caught:
-            read_kalibr(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_kalibr, path)
 
 
 ANY_LENS = Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5)

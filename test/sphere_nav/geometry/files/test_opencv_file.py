@@ -6,7 +6,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import read_opencv
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
 MAX_SKEW = 1e-6  # written out: imported, a change would go unseen
 
@@ -102,7 +102,4 @@ DEFECTS = [
 def test_a_defect_is_one_line_with_its_place(tmp_path):
     for values, expected in DEFECTS:
         path = store(tmp_path / "a.yml", **values)
-        with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
-            read_opencv([path], None, None, 1.0)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(lambda path: read_opencv([path], None, None, 1.0), path)

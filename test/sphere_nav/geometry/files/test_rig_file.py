@@ -12,7 +12,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
 from sphere_nav_tools.offline.importing.recording import read_image
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
 
 @pytest.fixture
@@ -109,10 +109,7 @@ def test_a_defect_is_one_line_with_its_place(path):
         values = yaml.safe_load(good)
         change(values)
         path.write_text(yaml.safe_dump(values, sort_keys=False))
-        with pytest.raises(ValueError, match=r"rig\.yaml") as caught:
-            read_rig(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_rig, path)
 
 
 CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
@@ -125,13 +122,10 @@ def test_a_file_that_is_none_is_one_line(tmp_path):
         ("[" * 5000, "expected YAML"),
         ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
     ]:
-        path = tmp_path / "x.yaml"
-        path.write_text(text)
-        with pytest.raises(ValueError, match=r"x\.yaml: ") as caught:
-            read_foreign([path])
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < 600
+        (tmp_path / "x.yaml").write_text(text)
+        line = refusal(lambda path: read_foreign([path]), tmp_path / "x.yaml")
+        assert expected in line
+        assert len(line) < 600
 
 
 def test_a_format_may_be_told_and_only_several_camchains_are_joined(tmp_path):
