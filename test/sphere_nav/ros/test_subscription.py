@@ -78,16 +78,6 @@ def test_gaps_in_the_numbers_of_one_publisher_are_losses():
     assert wanted.num_lost == 3
 
 
-def test_only_what_is_latched_is_kept_and_only_as_much_as_the_queue_holds():
-    latched, volatile = make(), Subscription("number", Int32, print, qos.STATE, log=Log())
-    for number in range(3):
-        latched.keep(Int32(data=number))
-        volatile.keep(Int32(data=number))
-    assert (latched.kept, volatile.kept) == ([Int32(data=2)], [])
-    latched.deliver_kept()
-    assert (latched.num_received, latched.kept) == (1, [])
-
-
 def wanted(**counts):
     given = {
         "num_received": 9, "num_refused": 0, "num_refused_in_row": 0, "num_lost": 0, "num_lost_lately": 0,
