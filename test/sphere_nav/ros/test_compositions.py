@@ -54,7 +54,7 @@ def test_every_composition_has_its_launch_file_whose_examples_name_arguments() -
             assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
 
 
-def test_nodes_and_their_parameters_exist() -> None:
+def test_nodes_and_their_parameters_exist_and_a_namespace_and_a_site_reach_them() -> None:
     for name in COMPOSITIONS:
         for start in starts(name):
             classes = (BY_NAME[start.node].PARAMS, generate.ShellParams)
@@ -63,10 +63,6 @@ def test_nodes_and_their_parameters_exist() -> None:
                 if key != "use_sim_time":
                     assert type(value) is known[key].type, f"{name}: {start.node}.{key}"
                     known[key].check(value)
-
-
-def test_a_namespace_and_a_site_reach_every_node() -> None:
-    for name in COMPOSITIONS:
         for start in starts(name, namespace="/car2", site="site.yaml"):
             assert start.namespace == "car2"
             assert start.site == "site.yaml"

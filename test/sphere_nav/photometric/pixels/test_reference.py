@@ -46,7 +46,7 @@ def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
     assert np.allclose(np.roll(norm, 64, axis=1), norm_turned, rtol=1e-3, atol=1e-2)
 
 
-def test_unknown_range_is_left_out_and_far_is_far(room):
+def test_unknown_range_is_left_out_far_is_far_and_what_is_not_positive_refused(room):
     image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     range_m[:30] = np.nan
     range_m[30:40] = np.inf
@@ -55,6 +55,13 @@ def test_unknown_range_is_left_out_and_far_is_far(room):
     assert level.num_pixels == 27 * 78  # two rows of the far are behind the edge of the room
     assert np.sum(np.isclose(distance, PARAMS.far, rtol=1e-4)) == 8 * 78
     assert np.isfinite(level.gradient).all()
+    for bad in [0.0, -1.0]:
+        image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
+        range_m[3, 4] = bad
+        with pytest.raises(ValueError, match="range: expected positive"):
+            prepare_reference(image, range_m, CAMERA, PARAMS)
+    with pytest.raises(ValueError, match=r"range: expected 80 x 60, found shape \(59, 80\)"):
+        prepare_reference(image, range_m[1:], CAMERA, PARAMS)
 
 
 def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
@@ -76,16 +83,6 @@ def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
         for axis in (0, 1):
             expected &= is_near | ~(np.roll(is_near, off, axis) | np.roll(is_near, -off, axis))
     np.testing.assert_array_equal(kept, expected)
-
-
-def test_a_range_that_is_not_positive_is_refused(room):
-    for bad in [0.0, -1.0]:
-        image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
-        range_m[3, 4] = bad
-        with pytest.raises(ValueError, match="range: expected positive"):
-            prepare_reference(image, range_m, CAMERA, PARAMS)
-    with pytest.raises(ValueError, match=r"range: expected 80 x 60, found shape \(59, 80\)"):
-        prepare_reference(image, range_m[1:], CAMERA, PARAMS)
 
 
 def test_any_piece_of_the_curve_is_a_patch():

@@ -171,20 +171,17 @@ def test_a_chunk_of_ros1_that_unpacks_without_end_is_refused(tmp_path, monkeypat
     assert "expected at most 4194304 bytes" in refuses(bag, 1 << 22)
 
 
-def test_a_database_with_a_log_beside_it_is_refused_with_the_remedy(tmp_path):
+def test_a_database_with_a_log_beside_it_a_pipe_and_a_name_that_a_terminal_obeys_are_refused(tmp_path):
     (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
     bag.with_name(f"{bag.name}-wal").write_bytes(b"what a crash leaves")
     for path in (bag, bag.parent):
         with pytest.raises(BagError, match=r"db3: expected a whole database, found .*db3-wal .* merges it$"):
             BagReader(path)
-
-
-def test_a_pipe_is_not_waited_for_and_a_name_that_a_terminal_obeys_is_refused(tmp_path):
     for name in ("drive.db3", "drive.bag"):
         os.mkfifo(tmp_path / name)
         with pytest.raises(BagError, match="expected a bag, found a FIFO"):
             BagReader(tmp_path / name)
-    (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
+    (bag,) = write_ros2(tmp_path / "other", StoragePlugin.SQLITE3).glob("*.db3")
     with closing(sqlite3.connect(bag)) as database:
         database.executescript("UPDATE topics SET name = '/a\x1b[2J' WHERE id = 1")
     with pytest.raises(BagError, match="topic: expected a printable name and type") as caught:
