@@ -1,7 +1,7 @@
 """`python -m benchmarks GROUP [NAME ...]`: measure; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused.
 
-A benchmark is a module `GROUP/NAME.py` with a line `HELP = "..."` and `run(options) -> Report`; `add_arguments(parser)`
-where it has options of its own. It is imported only to run: what `--help` tells of it is read from its text.
+A benchmark is a module `GROUP/NAME.py` with a line `HELP = "..."` and `run(options) -> Report`. It is imported only to
+run: what `--help` tells of it is read from its text.
 """
 
 from __future__ import annotations
@@ -56,9 +56,6 @@ def main(words: list[str]) -> int:
         return _tell_groups(is_wrong=group not in ("", "-h", "--help"))
     places = {name: one for one in GROUPS if group in ("all", one) for name in names(one)}
     parser = _parser(group, places)
-    for name in places:
-        if name in words[1:] and hasattr(_module(places[name], name), "add_arguments"):
-            _module(places[name], name).add_arguments(parser)
     options = parser.parse_args(words[1:])
     if unknown := [name for name in options.names if name not in places]:
         parser.error(f"NAME: expected one of {', '.join(places)}, found {unknown[0]}")
@@ -97,7 +94,6 @@ def _parser(group: str, places: dict[str, str]) -> argparse.ArgumentParser:
     threads = min(num_cores(), 2)
     parser.add_argument("--threads", type=int, default=threads, metavar="N", help="of every library (%(default)s)")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of recordings (%(default)s)")
-    parser.add_argument("--width", type=int, metavar="PX", help="of images and spheres (each has its own)")
     return parser
 
 

@@ -17,6 +17,7 @@ from sphere_nav_tools.cli.main import main as sphere_nav
 from sphere_nav_tools.offline.evaluation import evaluate_poses
 
 TRUTH = ("ground_truth/pose",)  # of recordings and their bags
+COMMAND = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"  # in a process of its own
 
 
 class Said(NamedTuple):

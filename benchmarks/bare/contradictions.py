@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> Report:
 def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
     """Add what the filter says of the drives of one town, by fault."""
     site, plan = trials.town(town)
-    studio, drives = Studio("town", town), []
+    studio, drives = Studio(town), []
     for number in range(count):
         rng = np.random.default_rng([town, number, 113])
         line = kidnapped_line(plan, NUM_IMAGES, STEPS[number % len(STEPS)], rng)
@@ -63,7 +63,7 @@ def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
         start = drive.truth(0) + START_SIGMA * np.random.default_rng([number, 127]).standard_normal(3)
         for name, spoil in FAULTS.items():
             spoiled = spoil(drive, drives[number - 1], number / max(count - 1, 1))
-            found[name].append(run_filter(site, spoiled, number, start=(start, START_SIGMA)))
+            found[name].append(run_filter(site, spoiled.steps(), number, start=(start, START_SIGMA)))
 
 
 def healthy(drive: Drive, other: Drive, share: float) -> Drive:

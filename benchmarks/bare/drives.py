@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ TILT_DEG = 0.2  # of the IMU
 CLEAR = 1.2  # room around the camera that traffic leaves free, m
 READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
 SHADOWLESS = LightParams(exposure=0.5)
+Step = tuple[Observation, Array]  # and x, y, yaw (3,) of the level camera in the map
 LIGHTS = (LightParams(), LightParams(sun="95,20", exposure=0.7), LightParams(sun="320,60", exposure=1.2), SHADOWLESS)
 
 
@@ -47,15 +49,14 @@ class Drive:
     odometry: Array
     tilts: Array  # R_level_base as the IMU has it
 
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def observation(self, index: int) -> Observation:
-        """Return what the filter takes for one image."""
-        T_base_level = SE3.from_parts(np.eye(3), T_BASE_CAMERA.translation)
-        T_odom_level = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_level
-        rotation = self.tilts[index]
-        return Observation(self.images[index], PANORAMA, (index + 1) * 10**9, rotation, T_odom_level)
+    def steps(self) -> Iterator[Step]:
+        """Yield what the filter takes for each image, and the true place."""
+        for index, image in enumerate(self.images):
+            T_odom_level = SE3.from_planar(*map(float, self.odometry[index])) @ T_BASE_CAMERA
+            yield (
+                Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], T_odom_level),
+                self.truth(index),
+            )
 
     @property
     def mirrored(self) -> Drive:
@@ -73,9 +74,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class Studio:
-    """A world of a seed in which drives are recorded."""
+    """A town of a seed in which drives are recorded."""
 
-    world: str
     seed: int
 
     def record(self, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
@@ -83,36 +83,34 @@ class Studio:
         rng = np.random.default_rng([self.seed, seed, 71])
         T_map_base = self._on_ground(line)
         images = self._images(T_map_base, light, seed)
-        return Drive(images, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
+        return Drive(images, T_map_base, noisy_odometry(line, rng), _tilts(T_map_base, rng))
 
     def _on_ground(self, line: Array) -> SE3:
-        ground, vehicle = _built(self.world, self.seed).ground, CarParams()
-        poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
-        return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
+        ground = _built(self.seed).ground
+        return SE3.from_matrix(np.stack([on_ground(ground, pose).matrix for pose in line]))
 
     def _images(self, T_map_base: SE3, light: LightParams, seed: int) -> NDArray[np.uint8]:
-        renderer, traffic = _renderer(self.world, self.seed, light)
+        renderer, traffic = _renderer(self.seed, light)
         images = []
         for index in range(len(T_map_base.matrix)):
             T_map_camera = T_map_base[index] @ T_BASE_CAMERA
-            if traffic is not None:
-                stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
-                renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
+            stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
+            renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
             levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
             images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
         return np.stack(images)
 
 
 @lru_cache(maxsize=2)
-def _built(world: str, seed: int) -> World:
-    return build_world(world, seed, "block")
+def _built(seed: int) -> World:
+    return build_world("town", seed, "block")
 
 
 @lru_cache(maxsize=2)
-def _renderer(world: str, seed: int, light: LightParams) -> tuple[Renderer, Traffic | None]:
-    """Return what draws a world, and who moves in it: cars, a tram, bicycles, pedestrians in the town's streets."""
-    built = _built(world, seed)
-    traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed) if built.loops else None
+def _renderer(seed: int, light: LightParams) -> tuple[Renderer, Traffic]:
+    """Return what draws a town, and who moves in its streets: cars, a tram, bicycles, pedestrians."""
+    built = _built(seed)
+    traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed)
     return Renderer(built.mesh, shadows_in(light), light, traffic), traffic
 
 
@@ -121,7 +119,14 @@ def shadows_in(light: LightParams) -> RenderParams:
     return RenderParams(shadow_texel=0.0) if light == SHADOWLESS else RenderParams()
 
 
-def _odometry(line: Array, rng: np.random.Generator) -> Array:
+def on_ground(ground: Any, pose: Array) -> SE3:
+    """Return where a car stands at a planar pose (3,)."""
+    vehicle = CarParams()
+    T_world_base: SE3 = ground.follow(SE3.from_planar(*map(float, pose)), vehicle.wheelbase, vehicle.width)
+    return T_world_base
+
+
+def noisy_odometry(line: Array, rng: np.random.Generator) -> Array:
     """Return the way as noisy wheels have it, from the origin."""
     poses = [np.zeros(3)]
     for before, after in pairwise(line):
@@ -151,15 +156,10 @@ def kidnapped_line(plan: Plan, count: int, step: float, rng: np.random.Generator
     """Return poses (count, 3) from anywhere in the streets onwards; at a crossing by lot left, right or straight on."""
     x0, y0, x1, y1 = limits(plan)
     while True:
-        poses = sampled(_drawn(plan, rng), step, count)
+        poses = _drawn(plan, rng).at(np.arange(count) * step)[:, :3]
         inside = (poses[:, 0] > x0 + MARGIN) & (poses[:, 0] < x1 - MARGIN)
         if np.all(inside & (poses[:, 1] > y0 + MARGIN) & (poses[:, 1] < y1 - MARGIN)):
             return poses
-
-
-def sampled(path: Path, step: float, count: int) -> Array:
-    """Return poses (count, 3) along a path; round again where more are wanted than it is long."""
-    return path.at(np.arange(count) * step)[:, :3]
 
 
 def kidnapped(studio: Studio, plan: Plan, count: int, num_images: int, lights: Sequence[LightParams]) -> list[Drive]:

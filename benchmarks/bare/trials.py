@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.bare.drives import HEIGHT, Drive, limits
+from benchmarks.bare.drives import HEIGHT, Step, limits
 from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.worlds import geometry_cloud
 from mcl_depth.belief.particles import wrap_angle
@@ -27,13 +29,14 @@ NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right plac
 
 @dataclass(frozen=True)
 class Trial:
-    """What a filter said of K images: state and reason, errors of the likeliest place (K,)."""
+    """What a filter said of K images: state and reason, errors of the likeliest place, CPU, all (K,)."""
 
     states: tuple[State, ...]
     reasons: tuple[str, ...]
     meters: Array
     degrees: Array
     p_chance: Array
+    cpu_ms: Array
 
     @property
     def is_right(self) -> NDArray[np.bool_]:
@@ -69,7 +72,7 @@ def town(seed: int, share: float = 1.0) -> tuple[Site, Plan]:
     return Site(cloud_from_points(cloud.astype(np.float32), "town"), HEIGHT, build(FilterParams, box)), plan
 
 
-def run_filter(site: Site, drive: Drive, seed: int, start: tuple[Array, Array] | None = None) -> Trial:
+def run_filter(site: Site, steps: Iterable[Step], seed: int, start: tuple[Array, Array] | None = None) -> Trial:
     """Return what a filter says of the images of a drive.
 
     It knows nothing, or a `start`: pose (3,) and standard deviations (3,).
@@ -80,12 +83,14 @@ def run_filter(site: Site, drive: Drive, seed: int, start: tuple[Array, Array] |
         covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
         filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
     found: list[tuple[Any, ...]] = []
-    for index in range(len(drive)):
-        estimate = filter_.update(drive.observation(index))
-        error, status = place_of(estimate) - drive.truth(index), estimate.status
+    for observation, truth in steps:
+        begun = time.process_time()
+        estimate = filter_.update(observation)
+        cpu_ms = 1e3 * (time.process_time() - begun)
+        error, status = place_of(estimate) - truth, estimate.status
         degrees = abs(float(np.degrees(wrap_angle(error[2]))))
         meters = float(np.hypot(*error[:2]))
-        found.append((status.state, str(status.reason), meters, degrees, status.p_chance))
+        found.append((status.state, str(status.reason), meters, degrees, status.p_chance, cpu_ms))
     states, reasons, *numbers = zip(*found, strict=True)
     return Trial(states, reasons, *map(np.array, numbers))
 

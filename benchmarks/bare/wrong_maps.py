@@ -28,15 +28,15 @@ def run(options: argparse.Namespace) -> Report:
     count = COUNTS[options.size]
     for seed in range(options.seed, options.seed + TOWNS[options.size]):
         here, plan = trials.town(seed)
-        own = kidnapped(Studio("town", seed), plan, count, NUM_IMAGES, LIGHTS)
-        other = Studio("town", seed + 1000)
+        own = kidnapped(Studio(seed), plan, count, NUM_IMAGES, LIGHTS)
+        other = Studio(seed + 1000)
         foreign = kidnapped(other, draw_plan(other.seed), count, NUM_IMAGES, LIGHTS)
         for name, drives in (("right map", own), ("another town", foreign), ("mirrored", [d.mirrored for d in own])):
-            found[name] += [run_filter(here, drive, number) for number, drive in enumerate(drives)]
+            found[name] += [run_filter(here, drive.steps(), number) for number, drive in enumerate(drives)]
         if options.size == "full":
             half, _ = trials.town(seed, KEPT)
-            beside = _beside(Studio("town", seed), plan, count)
-            found["the other half"] += [run_filter(half, drive, number) for number, drive in enumerate(beside)]
+            beside = _beside(Studio(seed), plan, count)
+            found["the other half"] += [run_filter(half, drive.steps(), number) for number, drive in enumerate(beside)]
     report = Report("wrong_maps")
     report.tables.append(Table("What was claimed", HEAD, [(name, *_figures(f)) for name, f in found.items() if f]))
     right = found.pop("right map")

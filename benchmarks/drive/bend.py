@@ -1,4 +1,4 @@
-"""A street that bends all the way, as a car sees it by a stereo pair: images, and where the left camera truly was."""
+"""A street that bends all the way, as a car sees it by a stereo pair: spheres, and where the left camera truly was."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.drive.street import build_road
 from cycab_sim.params import LightParams, RenderParams
@@ -24,43 +23,33 @@ BEGIN_M, BOUNDS = 10.0, (-110.0, -110.0, 110.0, 110.0)  # within the bend; of th
 AROUND = 145.0  # degrees of the bend that are built
 
 
-@dataclass(frozen=True)
-class Bend:
-    """A street of a seed that turns to the left, or to the right, by so much a metre."""
+@dataclass(frozen=True, eq=False)
+class Street:
+    """The spheres of a drive through a bend, range by the pair alone, and where they truly were, body axes."""
 
-    seed: int
-    turn_deg: float = TURN_DEG
+    spheres: list[Sphere]
+    poses: list[SE3]
 
-    @property
-    def path(self) -> Path:
-        """The middle of the road."""
-        radians = np.radians(self.turn_deg) / STEP_M
-        return Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
-
-    def poses(self, number: int, step_m: float = STEP_M) -> list[SE3]:
-        """Return T_world_body of the left camera, body axes, image by image."""
-        rng = np.random.default_rng([self.seed, 2])
-        found = []
+    @staticmethod
+    def render(seed: int, side: int, number: int) -> Street:
+        """Return the drive of so many images through the bend of a seed, to the left (1) or to the right (-1)."""
+        radians = np.radians(side * TURN_DEG) / STEP_M
+        path = Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
+        rng, poses = np.random.default_rng([seed, 2]), list[SE3]()
         for index in range(number):
-            x, y, yaw, _ = self.path.at(BEGIN_M + index * step_m).tolist()
+            x, y, yaw, _ = path.at(BEGIN_M + index * STEP_M).tolist()
             shake = SE3.exp([0.0, 0.0, 0.0, *rng.normal(0.0, SHAKE_RAD, 2), 0.0])
-            found.append(SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]) @ shake)
-        return found
+            poses.append(SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]) @ shake)
+        return Street(list(_look(seed, path, poses)), poses)
 
-    def pairs(self, poses: list[SE3]) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-        """Yield the grey images (H, W) of both cameras at each pose."""
-        renderer = Renderer(build_road(self.seed, self.path, BOUNDS), RenderParams(), LightParams(), num_threads=1)
-        rng = np.random.default_rng([self.seed, 3])
-        T_left_right = SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
-        for T_world_body in poses:
-            T_world_left = T_world_body @ T_BODY_OPTICAL
-            levels = [renderer.render(CAMERA, T, is_gray=True)[0] for T in (T_world_left, T_world_left @ T_left_right)]
-            left, right = (
-                np.clip(np.rint(one + rng.normal(0.0, NOISE, one.shape)), 0, 255).astype(np.uint8) for one in levels
-            )
-            yield left, right
 
-    def spheres(self, poses: list[SE3]) -> Iterator[Sphere]:
-        """Yield the sphere of each pose, range by the pair alone."""
-        for number, (left, right) in enumerate(self.pairs(poses)):
-            yield sphere_from_stereo(left, right, CAMERA, BASELINE_M, T_BODY_OPTICAL, (number + 1) * PERIOD_NS)
+def _look(seed: int, path: Path, poses: list[SE3]) -> Iterator[Sphere]:
+    renderer = Renderer(build_road(seed, path, BOUNDS), RenderParams(), LightParams(), num_threads=1)
+    rng, T_left_right = np.random.default_rng([seed, 3]), SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
+    for number, T_world_body in enumerate(poses, start=1):
+        T_world_left, pair = T_world_body @ T_BODY_OPTICAL, []
+        for T_world_camera in (T_world_left, T_world_left @ T_left_right):
+            levels, _ = renderer.render(CAMERA, T_world_camera, is_gray=True)
+            pair.append(np.clip(np.rint(levels + rng.normal(0.0, NOISE, levels.shape)), 0, 255).astype(np.uint8))
+        left, right = pair
+        yield sphere_from_stereo(left, right, CAMERA, BASELINE_M, T_BODY_OPTICAL, number * PERIOD_NS)

@@ -8,13 +8,12 @@ when it is sent, to the arrival of the answer.
 from __future__ import annotations
 
 import argparse
-import json
+import multiprocessing
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,17 +21,14 @@ from typing import Any
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
-from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.rig import images_along, rig_in_world
 from benchmarks.room import graph_of, make_room, render
-from cycab_sim.params import SimParams
-from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, stamp_ns
 from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
@@ -51,8 +47,6 @@ RIG_SETTLE, RIG_SETTLE_S = 4, 2.0  # of the rig, which loads kernels with its fi
 PATIENCE_S, DRAIN_S, PAUSE_S = 240.0, 10.0, 1.0  # for nodes to be up; for what waits to be worked off; of the player
 MAX_AGE_MS, MIN_TRACKED = 50.0, 0.97
 DOMAIN = "46"
-PLAYER = "import sys; sys.path.append(sys.argv[2]); from benchmarks.times.live_rigs import play; play(sys.argv[1])"
-CHECKOUT = str(Path(__file__).resolve().parents[2])
 
 
 @dataclass(frozen=True)
@@ -89,12 +83,10 @@ def run(options: argparse.Namespace) -> Report:
             case = make(Path(name), options.seed, options.size == "quick")
             heard = listen(case, Path(name))
         ages = heard.ages_ms or [np.inf]
-        rows.append(
-            (case.name, str(len(heard.sent)), str(len(heard.ages_ms)), f"{np.median(ages):.1f}", f"{max(ages):.1f}")
-        )
-        what, of = f"{case.name}, over DDS", Headline("times and memory", f"{len(heard.sent)} instants")
-        silent = len(heard.sent) - len(heard.ages_ms)
-        report.bounds.append(Bound(f"{what}: without an answer", 0, silent, "", headline=of))
+        num_sent, num_answered = len(heard.sent), len(heard.ages_ms)
+        rows.append((case.name, str(num_sent), str(num_answered), f"{np.median(ages):.1f}", f"{max(ages):.1f}"))
+        what, of = f"{case.name}, over DDS", Headline("times and memory", f"{num_sent} instants")
+        report.bounds.append(Bound(f"{what}: without an answer", 0, num_sent - num_answered, "", headline=of))
         if case.answer == "status":
             states = [heard.answers[stamp][1] for stamp in heard.sent if stamp in heard.answers]
             tracked = np.mean([state == "TRACKING" for state in states] or [False])
@@ -123,26 +115,22 @@ def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
 
 def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
     """Write the rig file, and the images of a drive along the tour of a city."""
-    values = {"world": "city", "seed": seed, "noise_seed": seed, "sphere.width": 0, "rig.kind": "vertical"}
-    simulator = Simulator(build(SimParams, values))
-    assert simulator.rig is not None
-    write_rig(folder / "rig.yaml", simulator.rig)
+    simulator, rig = rig_in_world(seed, SPHERE.width, {"world": "city"})
+    write_rig(folder / "rig.yaml", rig)
     number = round(RIG_RATE * (QUICK_RIG_SECONDS if is_quick else RIG_SECONDS))
     files = []
-    for index, part in enumerate(simulator.rig.cameras):
+    for index, part in enumerate(rig.cameras):
         shape = (number, part.camera.height, part.camera.width, 3)
         files.append(np.lib.format.open_memmap(folder / f"{index}.npy", "w+", np.uint8, shape))
-    for index in range(number):
-        simulator.teleport(*simulator.path.at(5.0 + SPACING_M * index).tolist()[:3])
-        for file, frame in zip(files, simulator.capture_rig().values(), strict=True):
-            file[index] = frame.image
+    for index, images in enumerate(images_along(simulator, number, SPACING_M)):
+        for file, image in zip(files, images.values(), strict=True):
+            file[index] = image
     nodes = {
         "sphere_stitcher": {"rig": f"{folder / 'rig.yaml'}"},
         "sphere_mapper": {"map_folder": f"{folder / 'maps'}", "mounting": "0,0,1.6,0,0,0"},
     }
-    outputs = {f"cameras/{name}/image_raw": "rgb8" for name in simulator.rig.names}
-    first = simulator.rig.names[0]
-    info = (f"cameras/{first}/camera_info", simulator.rig.camera(first).camera)
+    outputs = {f"cameras/{name}/image_raw": "rgb8" for name in rig.names}
+    info = (f"cameras/{rig.names[0]}/camera_info", rig.cameras[0].camera)
     periods = [RIG_SETTLE_S] * RIG_SETTLE + [1.0 / RIG_RATE] * number
     return Case(f"vertical rig at {RIG_RATE:g} Hz", nodes, info, outputs, periods, "odometry", num_uncounted=RIG_SETTLE)
 
@@ -157,10 +145,6 @@ def listen(case: Case, folder: Path) -> Heard:
         stamp = stamp_ns(message)
         heard.answers.setdefault(stamp, ((time.time_ns() - stamp) / 1e9, getattr(message, "state", "")))
 
-    topic, camera = case.info
-    (folder / "info").write_bytes(serialize_message(camera_to_info(camera, 0, "camera")))
-    plan = {"info": topic, "outputs": case.outputs, "periods": case.periods, "settle": case.num_uncounted}
-    (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
     rclpy.init()
     node = rclpy.create_node("live_rigs")
     kind = LocalizationStatus if case.answer == "status" else Odometry
@@ -172,15 +156,12 @@ def listen(case: Case, folder: Path) -> Heard:
             rclpy.spin_once(node, timeout_sec=0.05)
 
     try:
-        with Processes(folder) as nodes:
+        with Processes(folder) as nodes, ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as player:
             for name, values in case.nodes.items():
                 nodes.start(name, values)
-            command = [sys.executable, "-P", "-c", PLAYER, str(folder), CHECKOUT]
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
-                spin(PATIENCE_S + sum(case.periods), lambda: player.poll() is not None)
-                player.kill()
-                assert player.stdout is not None
-                heard.sent = [int(line) for line in player.stdout]
+            sent = player.submit(play, folder, case)
+            spin(2 * PATIENCE_S + sum(case.periods), sent.done)
+            heard.sent = sent.result(DRAIN_S)
             spin(DRAIN_S, lambda: set(heard.sent) <= set(heard.answers))
         return heard
     finally:
@@ -188,33 +169,33 @@ def listen(case: Case, folder: Path) -> Heard:
         rclpy.try_shutdown()
 
 
-def play(name: str) -> None:
-    """Publish the images of a folder once all are listened to; print the stamps of those that count."""
+def play(folder: Path, case: Case) -> list[int]:
+    """Publish the images of a folder once all are listened to; return the stamps of those that count."""
     use_large_segment()
-    folder = Path(name)
-    plan = json.loads((folder / "plan.json").read_text())
-    info = deserialize_message((folder / "info").read_bytes(), CameraInfo)
-    images = [np.load(folder / f"{number}.npy", mmap_mode="r") for number in range(len(plan["outputs"]))]
+    topic, camera = case.info
+    info, sent = camera_to_info(camera, 0, "camera"), list[int]()
+    images = [np.load(folder / f"{number}.npy", mmap_mode="r") for number in range(len(case.outputs))]
     rclpy.init()
     node = rclpy.create_node("player")
-    outputs = [node.create_publisher(Image, topic, qos.LARGE) for topic in plan["outputs"]]
-    info_output = node.create_publisher(CameraInfo, plan["info"], qos.STATE)
-    while not all(output.get_subscription_count() for output in (*outputs, info_output)):
+    outputs = [node.create_publisher(Image, topic, qos.LARGE) for topic in case.outputs]
+    info_output, end = node.create_publisher(CameraInfo, topic, qos.STATE), time.monotonic() + PATIENCE_S
+    while time.monotonic() < end and not all(one.get_subscription_count() for one in (*outputs, info_output)):
         time.sleep(0.1)
     time.sleep(PAUSE_S)
     due = time.monotonic()
     before_ns = time.time_ns() - round(due * SECOND)  # of the one clock to the other
-    for number, period in enumerate(plan["periods"]):
-        at = max(0, number - plan["settle"]) % len(images[0])
-        encodings = zip(images, plan["outputs"].values(), strict=True)
+    for number, period in enumerate(case.periods):
+        at = max(0, number - case.num_uncounted) % len(images[0])
+        encodings = zip(images, case.outputs.values(), strict=True)
         messages = [array_to_image(np.array(some[at]), 0, "camera", encoding) for some, encoding in encodings]
         time.sleep(max(0.0, due - time.monotonic()))
         stamp = before_ns + round(due * SECOND)
         for output, message in zip((info_output, *outputs), (info, *messages), strict=True):
             message.header.stamp = ns_to_time(stamp)
             output.publish(message)
-        if number >= plan["settle"]:
-            sys.stdout.write(f"{stamp}\n")
+        if number >= case.num_uncounted:
+            sent.append(stamp)
         due += period
     time.sleep(PAUSE_S)
     rclpy.try_shutdown()
+    return sent

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import repeat_cpu
 from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.rig import images_along, rig_in_world
 from benchmarks.room import MemoryMap, graph_of, look, make_room
-from cycab_sim.params import SimParams
-from cycab_sim.simulator import Simulator
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.acquisition.constants import NUM_INSTANTS
@@ -138,15 +137,11 @@ def _clocked(localizer: Localizer, image: NDArray[np.uint8], number: int) -> tup
 
 def key_sphere(seed: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return CPU times in ms of stitching the vertical rig's instants, and of placing them in a map."""
-    size = SPHERE.width * 17 // 32
-    simulator = Simulator(build(SimParams, {"seed": seed, "rig.kind": "vertical", "rig.size": f"{size},{size}"}))
-    assert simulator.rig is not None
-    stitcher, mapper = Stitcher(simulator.rig, build(StitchParams, {"width": SPHERE.width})), Mapper(MapperParams())
-    before, instants, stitched, placed = cv2.getNumThreads(), [], [], []
+    simulator, rig = rig_in_world(seed, SPHERE.width, {})
+    stitcher, mapper = Stitcher(rig, build(StitchParams, {"width": SPHERE.width})), Mapper(MapperParams())
+    before, stitched, placed = cv2.getNumThreads(), [], []
     cv2.setNumThreads(1)
-    for index in range(number):
-        simulator.teleport(*simulator.path.at(np.array(5.0 + SPACING_M * index)).tolist()[:3])
-        instants.append({name: frame.image for name, frame in simulator.capture_rig().items()})
+    instants = list(images_along(simulator, number, SPACING_M))
     for images in (instants * NUM_INSTANTS)[:NUM_INSTANTS]:  # makes the tables of the rig, learns the lenses' falloff
         stitcher.stitch(images)
     for index, images in enumerate(instants):
