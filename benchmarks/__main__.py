@@ -1,7 +1,7 @@
 """`python -m benchmarks GROUP [NAME ...]`: measure; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused.
 
-A benchmark is a module `GROUP/NAME.py` with a line `HELP = "..."` and `run(options) -> Report`. It is imported only to
-run: what `--help` tells of it is read from its text.
+A benchmark is a module `GROUP/NAME.py` with `run(options) -> Report`. It is imported only to run: what `--help` tells
+of it is read from its text, the first line.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ GROUPS = {
     "abuse": "wrong files and messages, long runs",
 }
 PLACES = {"--seed", "--json", "--threads"}  # options, and their values, that do not stand on a page
-NAMES = r'^HELP = "(.*)"$'
+IS_BENCHMARK, FIRST_LINE = "\ndef run(", r'"""(.*?)("""|\n)'
 
 
 @cache
@@ -43,7 +43,7 @@ def names(group: str) -> dict[str, str]:
     """Return what each benchmark of a group is said to measure, by name, without importing it."""
     paths = sorted((FOLDER / group).glob("*.py"))
     texts = {path.stem: path.read_text(encoding="utf-8") for path in paths}
-    found = {name: re.search(NAMES, text, re.MULTILINE) for name, text in texts.items()}
+    found = {name: re.match(FIRST_LINE, text) for name, text in texts.items() if IS_BENCHMARK in text}
     return {name: told[1] for name, told in found.items() if told}
 
 

@@ -20,7 +20,6 @@ from benchmarks.abuse.fuzz_targets import Target, make_targets
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.ros.service import one_line
 
-HELP = "wrong inputs for every reader of files: no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child
 SECONDS, PATIENCE = 10, 6  # of the processor for one input; times as many by the clock, on a busy machine
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with

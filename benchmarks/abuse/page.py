@@ -22,7 +22,6 @@ from sphere_nav_tools.cli.constants import GUESS_S
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.processes import python_command
 
-HELP = "abuse of the operator's page: foreign pages and hosts, guesses, a gigabyte of noise, paths out of the folder"
 TOKEN, FOREIGN = "token_of_the_yard", ("http://evil.example", "http://127.0.0.1:1", "http://localhost:8081", "null")
 HOSTS = ("evil.example", "127.0.0.1.evil.example", "10.0.0.1", "0.0.0.0")
 KEY = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="

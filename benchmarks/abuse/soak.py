@@ -31,7 +31,6 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav_tools.cli.processes import Processes, node_command
 from worlds.patience import family
 
-HELP = "twenty minutes of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
 SLOW, NUM_VIEWS = 10, 200  # turns between two inputs of what is fed slowly; views of the way back and forth
 SAMPLING, WARM_UP = 10.0, 600.0  # s between two looks; in which caches fill, at most a third of the run

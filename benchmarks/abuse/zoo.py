@@ -18,7 +18,6 @@ from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
 
-HELP = "recordings written by other libraries: does every command that inspect prints succeed"
 # What a user of so small images and so bare a room would add.
 FEWER_PIXELS = ("--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4")
 SMALL_SPHERES = ("--set-stitcher", "stitch.width=256")

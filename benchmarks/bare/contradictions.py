@@ -25,7 +25,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Reason
 
-HELP = "MCL with odometry that stands or slips, carried off: TRACKING beyond 1 m; and what healthy drives lose"
 COUNTS = {"quick": (3, 1), "full": (10, 2)}  # drives of each kind in a town, towns
 NUM_IMAGES, FAULT = 36, 12  # of a drive; the first image that a fault spoils
 GRACE = 3  # images after that

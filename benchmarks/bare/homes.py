@@ -28,7 +28,6 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
 
-HELP = "homes drawn from a seed, with furniture, and a real one: walks from nowhere"
 WALK, PUBLISHED_BY = 8, 15  # panoramas after which the place is asked for, and until a pose is published
 CLOSE, MAX_CPU_MS = 0.5, 100.0  # m off the truth; of an image while the place is searched
 PACE = 2.0  # m/s

@@ -13,7 +13,6 @@ from benchmarks.bare.trials import Trial, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.world.town import Plan, draw_plan
 
-HELP = "images in the cloud of another town, mirrored, and from beside the map: nothing may be claimed"
 COUNTS = {"quick": 2, "full": 50}  # drives of each case in each town
 TOWNS = {"quick": 1, "full": 4}
 MAX_CLAIMS, FOUND = 0.5, 95.0  # of the starts in a wrong map, in the right one, %

@@ -18,7 +18,6 @@ from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 
-HELP = "recorded boards: residuals beside OpenCV's on the same corners"
 BOARD = Board("board", 9, 6, 0.1)
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
 SETS = (  # model, size, cameras

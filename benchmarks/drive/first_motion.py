@@ -1,6 +1,6 @@
 """Drives whose first image is already in motion, mapped from images alone; and how often a first motion is a false one.
 
-A stereo pair in a street that bends all the way (`bend.py`), by the mapper, from the first pair, and after a gap.
+A car sees by a stereo pair a street that bends all the way: by the mapper, from the first pair, and after a gap.
 """
 
 from __future__ import annotations
@@ -13,16 +13,25 @@ from itertools import islice, pairwise
 import cv2
 import numpy as np
 
-from benchmarks.drive.bend import PERIOD_NS, STEP_M, TURN_DEG, Street
+from benchmarks.drive.street import build_road
 from benchmarks.report import Bound, Headline, Report, Table
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.paths import Path, Piece
+from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.graph.both_ways import find_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import REGISTRATION
-from sphere_nav.geometry import SE3
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
-HELP = "drives from images alone whose first image is in motion, gaps; false first motions"
+STEP_M, TURN_DEG, PERIOD_NS = 1.0, 2.6, 100_000_000  # of an image: 10 m/s, 26 degrees a second
+CAMERA = Pinhole(1226, 370, 707.1, 707.1, 601.9, 183.1)  # as a car of KITTI carries
+BASELINE_M, HEIGHT_M = 0.54, 1.65
+SHAKE_RAD, NOISE = np.radians(0.25), 2.0  # standard deviations: of roll and pitch, from image to image; grey levels
+BEGIN_M, BOUNDS = 10.0, (-110.0, -110.0, 110.0, 110.0)  # within the bend; of the ground, m
+AROUND = 145.0  # degrees of the bend that are built
 SIZES = {"quick": (2, 8, 2, 3), "full": (3, 51, 3, 40)}  # streets, images of a drive, ways to drive it, pairs of each
 MIN_PLACED, MAX_DRIFT = 95.0, 0.8  # %
 GAP = 4  # images that are missing in the middle of a drive
@@ -30,6 +39,38 @@ DISTURBED = f"{GAP} images missing"
 MAX_LOST = 2  # images after such a disturbance
 APART_M = 40.0  # along a bend of 22 m radius: by then it has turned by 104 degrees, and shares nothing
 WRONG_SHARE = 0.1  # of the motion, or of a metre: an accepted pair of a street that is farther off is a false one
+
+
+@dataclass(frozen=True, eq=False)
+class Street:
+    """The spheres of a drive through a bend, range by the pair alone, and where they truly were, body axes."""
+
+    spheres: list[Sphere]
+    poses: list[SE3]
+
+    @staticmethod
+    def render(seed: int, side: int, number: int) -> Street:
+        """Return the drive of so many images through the bend of a seed, to the left (1) or to the right (-1)."""
+        radians = np.radians(side * TURN_DEG) / STEP_M
+        path = Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
+        rng, poses = np.random.default_rng([seed, 2]), list[SE3]()
+        for index in range(number):
+            x, y, yaw, _ = path.at(BEGIN_M + index * STEP_M).tolist()
+            shake = SE3.exp([0.0, 0.0, 0.0, *rng.normal(0.0, SHAKE_RAD, 2), 0.0])
+            poses.append(SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]) @ shake)
+        return Street(list(_look(seed, path, poses)), poses)
+
+
+def _look(seed: int, path: Path, poses: list[SE3]) -> Iterator[Sphere]:
+    renderer = Renderer(build_road(seed, path, BOUNDS), RenderParams(), LightParams(), num_threads=1)
+    rng, T_left_right = np.random.default_rng([seed, 3]), SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
+    for number, T_world_body in enumerate(poses, start=1):
+        T_world_left, pair = T_world_body @ T_BODY_OPTICAL, []
+        for T_world_camera in (T_world_left, T_world_left @ T_left_right):
+            levels, _ = renderer.render(CAMERA, T_world_camera, is_gray=True)
+            pair.append(np.clip(np.rint(levels + rng.normal(0.0, NOISE, levels.shape)), 0, 255).astype(np.uint8))
+        left, right = pair
+        yield sphere_from_stereo(left, right, CAMERA, BASELINE_M, T_BODY_OPTICAL, number * PERIOD_NS)
 
 
 @dataclass(frozen=True)

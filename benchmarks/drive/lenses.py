@@ -21,7 +21,6 @@ from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav_tools.cli.demo.report import read_truth
 
-HELP = "lenses of 80 to 30 degrees, a low camera and a first night in a map of one sunny day"
 DAY, NIGHT = (Drive(*one, 1, MAX_CLOUDS).parameters for one in ((1, ""), (2, "night_lamps")))
 LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}
 

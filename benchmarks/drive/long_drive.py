@@ -13,7 +13,6 @@ from pathlib import Path
 from benchmarks.commands import run as run_command
 from benchmarks.report import Bound, Headline, Report
 
-HELP = "490 m through a city with traffic, pedestrians and a change of light (takes half an hour)"
 PATHS = {"quick": ("--path", "straight"), "full": ("--path", "tour", "--traffic")}
 
 

@@ -21,7 +21,7 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.commands import call
 from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Driven, Town, features, named
-from benchmarks.drive.ways import rounded_way
+from benchmarks.drive.street import rounded_way
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator

@@ -15,7 +15,7 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.drive.ways import rounded_way
+from benchmarks.drive.street import rounded_way
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.path import Pose2

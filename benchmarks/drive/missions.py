@@ -21,7 +21,6 @@ from benchmarks.drive.mission_cameras import CameraTown, City
 from benchmarks.drive.mission_town import Driven, Town
 from benchmarks.report import Bound, Headline, Report, Table
 
-HELP = "missions over a network, poses told or by a camera: arrived, contacts, lateral error, stops at joints"
 FULL, QUICK, BY_CAMERA = 100, 3, 12  # missions
 COLUMNS = ("from", "to", "arrived", "m", "contacts", "lateral RMSE m", "stops at joints")
 

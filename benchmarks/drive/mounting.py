@@ -24,7 +24,6 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav_tools.cli.demo.demo import MOUNTINGS
 
-HELP = "the same drive with four mountings: taught paths"
 SIMULATION = {"path": "two_turns", "camera.period": 0.2, "camera.size": "320,240", "sphere.width": 0, "mode": "teach"}
 SIZES = {"quick": (3.0, 3), "full": (8.0, 1)}  # m of the way that is taught; each how manieth mounting
 SPACING_M = 0.25  # between two images

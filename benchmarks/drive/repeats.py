@@ -34,7 +34,6 @@ from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR
 from sphere_nav_tools.cli.demo.report import read_truth
 
-HELP = "a way of the simulator repeated in nine lights and seasons; the map grows where it was not tracked"
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
 WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m
 WELL_TRACKED = 0.99  # share of a drive's images; what is below it is driven by the rig and extends the map

@@ -21,7 +21,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "a recorded room by night: images placed by colour, and with depth"
 OFF = np.array([0.1, 0.0, 0.0, 0.0, 0.0, np.radians(5.0)])  # of the start, from the truth
 LIT = 12  # images until the light goes out
 

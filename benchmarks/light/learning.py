@@ -14,7 +14,6 @@ from benchmarks.commands import call
 from benchmarks.light.relight import TITLE, Placed, Room, in_kitchen
 from benchmarks.report import Bound, Headline, Report, Table
 
-HELP = "a vehicle that learns by itself: light that leaves the map step by step"
 SHARES, QUICK_SHARES = (0.3, 0.45, 0.6, 0.8, 1.0), (0.6,)  # of the other light, one a day
 MAX_WORSE = 1.05  # of the first light's median error, from version to version
 LEARN = ("--set", "learn=true")

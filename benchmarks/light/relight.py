@@ -28,7 +28,6 @@ from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav_tools.offline.evaluation import evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "a recorded room in other light: images placed before and after one extension of the map"
 LIGHTS = (("season", 0.6), ("season", 0.85), ("season", 1.0), ("lamp", 1.0))  # what, share of the other light
 NUM_FRAMES, STEP = 120, 3  # drives in the room are every third of them, and the next two of each
 MAX_WORSE = 1.5  # error by that of the map of that light alone

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.drive.ways import rounded_way
+from benchmarks.drive.street import rounded_way
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
@@ -29,7 +29,6 @@ from sphere_nav.geometry.trajectory_error import align_trajectories
 from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-HELP = "1.5 km of town, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
 LENGTH_M, QUICK_M, SPACING_M, STEP_NS = 1500.0, 120.0, 1.0, 250_000_000
 TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
 LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room

@@ -22,7 +22,6 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, se3_to_transform
 from sphere_nav_tools.cli.processes import python_command
 
-HELP = "map of six cameras by several processes: the same map bit for bit, wall time, memory"
 INSTANTS, QUICK_INSTANTS, SPACING_M, STEP_NS = 410, 12, 1.2, 250_000_000
 JOBS, SPEED_UP = (1, 2), 1.7
 

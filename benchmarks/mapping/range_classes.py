@@ -19,7 +19,6 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
-HELP = "range by class of surface (textured, bare, unlit, edge, thin, ground, far): measured, wrong; its CPU time"
 CLASSES = ("textured", "bare", "unlit", "edge", "thin", "ground", "far")
 NEAR_M, FAR_M = 30.0, 120.0  # up to which range is judged; from which on a surface is far
 EDGE_PX, THIN_PX = 5, 9  # of 2048 columns: from a jump; things less wide are thin

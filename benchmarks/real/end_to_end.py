@@ -24,7 +24,6 @@ from sphere_nav_tools.offline.evaluation import evaluate_poses
 from sphere_nav_tools.offline.mapping.drive import fit_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "import, map and localise recorded data through the commands"
 HELD_OUT, INTERLEAVED = (8.0, 0.4), (2.5, 0.1)  # mm, deg: medians
 NEES = 0.5, 2.0  # least and largest mean, over 6 degrees of freedom
 FALSE_FIX_M = 0.15

@@ -32,7 +32,6 @@ from sphere_nav.photometric import (
 )
 from sphere_nav.photometric.align.problem import Problem
 
-HELP = "RGB-D frame to frame against OpenCV (DESIGN 7)"
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 60  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
 MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone

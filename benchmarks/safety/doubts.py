@@ -24,7 +24,6 @@ from path_follower.path_files import make_path
 from path_follower.reasons import StopReason
 from sphere_nav.geometry.arrays import Array
 
-HELP = "motion consistency: false stops a kilometre"
 LENGTH_M = 150.0  # of each drive
 SECOND, STEP_NS, LATENCY_NS, ODOMETRY_NS = 1_000_000_000, 10_000_000, 50_000_000, 20_000_000
 NOISE = (0.02, 0.02, math.radians(0.5))  # m, m, rad: standard deviations of the poses, stated truthfully

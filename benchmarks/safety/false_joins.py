@@ -35,7 +35,6 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-HELP = "places in different light: false joins, and true ones found"
 CAMERAS = {"whole": Spherical(256, 128), "window": Spherical(160, 110, 512.0, 176.0, 60.0)}
 NUM_PAIRS = {"quick": 20, "full": 1000}  # half of them in the next town
 SAME_EVERY = 10  # one of so many pairs is of one place

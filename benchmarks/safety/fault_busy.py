@@ -46,7 +46,6 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav_tools.cli.processes import node_command
 
-HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
 BASE_PRIORITY = 5  # real time, below the loops it is driven by
 AFTER = 3.0  # s in which zero must come

@@ -22,7 +22,6 @@ from benchmarks.fault_drives import SECOND, Course, Drive, Gauge
 from benchmarks.fault_list import FAULTS, Fault
 from benchmarks.report import Bound, Headline, Report, Table
 
-HELP = "stops: time to zero command for each fault, false stops of long drives"
 FULL, QUICK = (5, 75), (1, 1)  # drives of each fault, laps of 23 m by images
 LIMIT = 0.85  # s from the loss of the pose to zero command
 ASIDE = 0.3  # m from the path: more is a wrong motion

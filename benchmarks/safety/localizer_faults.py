@@ -23,7 +23,6 @@ from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from sphere_nav.photometric.align import esm
 
-HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES, starts"
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small
 SIZES = {"quick": (1, 12, 0.03, 4, 4), "full": (6, 504, 5.0, 200, 50)}  # halls, failures, km, starts, outside
 SOUGHT = State.NOT_LOCALISED, State.SEARCHING

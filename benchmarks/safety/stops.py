@@ -34,7 +34,6 @@ from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.processes import Processes
 
-HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
 RULES, WAYS = ("moving", "standing"), ("path", "mission")
 STOPS, CAUSES = ("stop", "pause", "press", "page"), ("none", "pose", "lost", "obstacle")

@@ -37,7 +37,6 @@ from sphere_nav.ros.run import use_large_segment
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.processes import Processes
 
-HELP = "cameras and rigs over DDS at their rate: what has no answer, how old answers are"
 RATE, SECONDS, QUICK_SECONDS = 45.0, 60.0, 2.0  # of one camera
 RIG_RATE, RIG_SECONDS, QUICK_RIG_SECONDS, SPACING_M = 2.0, 300.0, 3.0, 0.7
 CAMERA, SPHERE = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5), Spherical(1024, 512)

@@ -38,7 +38,6 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-HELP = "one iteration, a localisation step at 800 x 600, a key sphere, a process's first answer: CPU"
 CAMERA, SPHERE = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5), Spherical(2048, 1024)
 NUM_PIXELS, NUM_ITERATIONS, NUM_RUNS, QUICK_RUNS = 60_000, 10, 100, 20
 START_ERROR = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])  # of an iteration: standard deviation, m and rad

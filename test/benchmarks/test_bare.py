@@ -10,8 +10,7 @@ from sphere_nav.localization.status import State
 
 def trial(meters, states):
     count = len(meters)
-    zeros = np.zeros(count)
-    return Trial(tuple(states), ("",) * count, np.array(meters, float), zeros, zeros, zeros)
+    return Trial(tuple(states), ("",) * count, np.array(meters, float), *np.zeros((3, count)))
 
 
 def test_a_trial_counts_only_tracking_at_the_right_place():
