@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.commands import call
-from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Driven, Town, features, named
+from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Town, features, named
 from benchmarks.drive.street import rounded_way
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
@@ -28,7 +28,6 @@ from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.path import Pose2
-from path_follower.routes.network import Network
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.localization.status import State
@@ -108,22 +107,18 @@ class CameraTown(Town):
 
     def __init__(self, folder: Path, city: City, seed: int) -> None:
         city.prepare()
-        self.city = city
         self.taught = Taught(read_tum(city.folder / "taught.tum"), read_truth(city.folder / "teach"))
         self.states: Counter[str] = Counter()  # of images under way
         self.errors: list[float] = []  # of poses, m
         self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
-        super().__init__(folder, seed)
+        network = read_network_of([city.folder / "taught.tum"], map_id_of(city.folder / "map"), 1.2)
+        super().__init__(folder, seed, named(network))
         self.simulator = city.simulator(OTHER_DAY | {"mode": "drive", "noise_seed": seed})
         self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
         self.simulator.step(VehicleCommand(), STEP_NS)
         self.localizer = self.bus.add(DenseLocalizerNode, {"map": str(city.folder / "map"), "every_image": True})
         self.outputs = publish_on(self.bus, self.simulator)
-        self.put(self._spot(self.here)[1])
-
-    def _network(self) -> Network:
-        folder = self.city.folder
-        return named(read_network_of([folder / "taught.tum"], map_id_of(folder / "map"), 1.2))
+        self.put(self._spot(self.here))
 
     def placed(self, pose: Pose2) -> Pose2:
         """Return where a pose of the network truly is."""
@@ -136,7 +131,7 @@ class CameraTown(Town):
         cast("OfflineShell", self.localizer.endpoints).call("reset")
         self.state, end = "", self.bus.now_ns + WAIT_NS
         while self.state != State.TRACKING and self.bus.now_ns < end:
-            self.step(Driven("", ""), may_walk=False)
+            self.pause(1)
 
     @property
     def told(self) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
+from unittest.mock import Mock
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,9 +75,9 @@ class Driven:
 class Town:
     """The network, the nodes, the car, and who walks before it."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, network: Network | None = None) -> None:
         self.rng = np.random.default_rng(seed)
-        self.network = self._network()
+        self.network = network or tour_network()
         self.length = sum(edge.length for edge in self.network.edges.values())
         write_network(folder / "city.geojson", self.network)
         self.bus = OfflineBus(start_ns=1_000_000_000)
@@ -88,9 +89,8 @@ class Town:
         self.shell = cast("OfflineShell", self.navigator.endpoints)
         mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")
         self.bus.publish("/tf_static", TFMessage(transforms=[mounted]))
-        edge, pose = self._spot("square")
-        self.here, self.edge = "square", edge
-        self.car = Vehicle(VehicleState(*pose), CarParams(), ActuatorParams())
+        self.here = "square"
+        self.car = Vehicle(VehicleState(*self._spot(self.here)), CarParams(), ActuatorParams())
         self.command = VehicleCommand()
         self.pending: list[tuple[int, Pose2]] = []
         self.walkers: list[tuple[Array, int]] = []  # where, and until when
@@ -100,46 +100,39 @@ class Town:
         self.points = np.array([self.placed(Pose2(*pose)) for pose in points])
         self.tree = cKDTree(features(*self.points.T))
 
-    def _network(self) -> Network:
-        return tour_network()
-
-    def _spot(self, place: str) -> tuple[int, Pose2]:
-        node = self.network.nodes[self.network.places[place]]
-        return self.network.departures(node.id)[0].id, node.pose
+    def _spot(self, place: str) -> Pose2:
+        return self.network.nodes[self.network.places[place]].pose
 
     # --- a mission
     def drive(self) -> Driven:
         """Drive to another place."""
         goals = [name for name in PLACES if name in self.network.places and name != self.here]
         driven = Driven(self.here, str(self.rng.choice(goals)))
-        for _ in range(SETTLE):
-            self.step(Driven("", ""), may_walk=False)
+        self.pause(SETTLE)
         check, begin, _ = self.shell.actions["navigate"]
-        asked = Offered(Navigate.Goal(place=driven.goal))
+        asked = Mock(request=Navigate.Goal(place=driven.goal))  # a goal as a client of the action sees it
         check(asked.request)
         begin(asked)
         end = self.bus.now_ns + round(PATIENCE * 1e9)
-        while asked.result is None and self.bus.now_ns < end:
+        while not asked.finish.called and self.bus.now_ns < end:
             self.step(driven, may_walk=True)
         self.walkers = []
-        if asked.result is None:
-            driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
-        else:
-            driven.is_arrived, driven.reason = asked.result.success, asked.result.reason
-            driven.distance = asked.result.distance
+        driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
+        for result in asked.finish.call_args.args if asked.finish.called else ():
+            driven.is_arrived, driven.reason, driven.distance = result.success, result.reason, result.distance
         if driven.is_arrived:
             self.here = driven.goal
-        else:
-            self.restart()
-        return driven
-
-    def restart(self) -> None:
-        """Bring the car to a place by hand."""
-        for _ in range(200):
-            self.step(Driven("", ""), may_walk=False)
+            return driven
+        self.pause(200)  # else the car is brought to a place by hand
         self.follower.loop.ask("stop")
         self.here = "church"
-        self.put(self._spot(self.here)[1])
+        self.put(self._spot(self.here))
+        return driven
+
+    def pause(self, count: int) -> None:
+        """Let so many steps pass between missions."""
+        for _ in range(count):
+            self.step(Driven("", ""), may_walk=False)
 
     def placed(self, pose: Pose2) -> Pose2:
         """Return where a pose of the network truly is."""
@@ -148,8 +141,7 @@ class Town:
     def put(self, pose: Pose2) -> None:
         """Put the car down, and let the nodes see it there."""
         self.car.state = VehicleState(*pose)
-        for _ in range(40):
-            self.step(Driven("", ""), may_walk=False)
+        self.pause(40)
 
     # --- time
     def step(self, driven: Driven, *, may_walk: bool) -> None:
@@ -236,20 +228,6 @@ class Town:
         if is_new and mission.state == "DRIVING" and not mission.reason and mission.distance_remaining > 1.0:
             driven.stops += 1
         self.is_standing = True
-
-
-class Offered:
-    """A goal as a client of the action sees it."""
-
-    def __init__(self, request: Navigate.Goal) -> None:
-        self.request, self.result = request, cast("Navigate.Result | None", None)
-
-    def publish(self, feedback: Navigate.Feedback) -> None:
-        """Take feedback."""
-
-    def finish(self, result: Navigate.Result, *, success: bool) -> None:
-        """Take the result."""
-        self.result = result
 
 
 # --- the network

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.commands import TRUTH
-from benchmarks.light.lights import Gray, Light
+from benchmarks.light.lights import Gray, Light, torch_light
 from benchmarks.light.relight import TITLE, Room, in_kitchen
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
@@ -29,10 +29,7 @@ class Torch(Light):
     """Night but for a lamp beside the lens."""
 
     def _light(self, world: Array, facing: Array, points: Array, normals: Array) -> Array:
-        distance = np.linalg.norm(points, axis=-1)
-        beam = np.exp(-((points[..., 0] / points[..., 2]) ** 2 + (points[..., 1] / points[..., 2]) ** 2) / 0.18)
-        shade = np.abs(np.sum(points * normals, axis=-1)) / distance
-        return np.asarray(0.02 + 1.6 * beam * shade / np.maximum(distance, 0.7) ** 2)
+        return 0.02 + 1.6 * torch_light(points, normals)
 
 
 class Out:
@@ -51,17 +48,15 @@ def run(options: argparse.Namespace) -> Report:
     """Measure every darkness."""
     report, rows = Report("dark", notes=[__doc__ or ""]), list[tuple[str, ...]]()
 
-    def measure(room: Room, is_quick: bool) -> None:
+    def measure(room: Room) -> None:
         day = room.base()
         nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": Out()}
-        if not is_quick:
+        if options.size == "full":
             nights["patches"] = room.light("season", 1.0, options.seed, Torch)
         for name, light in nights.items():
-            room.drive(name, light, 2)
-            start = start_near(room.folder / f"{name}_2")
-            colour, depth = (
-                room.localize("map_day", f"{name}_2", start, *more) for more in ((), ("--set", "use_depth=true"))
-            )
+            start = start_near(room.folder / room.drive(name, light, 2))
+            colour = room.localize("map_day", f"{name}_2", start)
+            depth = room.localize("map_day", f"{name}_2", start, "--set", "use_depth=true")
             rows.append((name, str(colour), str(depth)))
             of = Headline("other light", "redkitchen by night, the camera's depth", f"by day {day.placed}")
             told = of if name == "torch" else None

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.rgbd_data import CAMERA, Frame
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 BLUR_PX = 12.0  # of the mean about which it is inverted, at 640 x 480
 NORMAL_PX = 4.0  # over which normals are smoothed: ranges are rough
@@ -21,6 +22,14 @@ PATCH_M = 0.7  # wavelength of patches of which the contrast is inverted
 CELL_M, BIAS_M = 0.02, 0.06  # side of a cell of the map of shadows; what is nearer to the occluder is lit
 LAMP_M, NEAR_M = 1.0, 0.7  # how far a lamp lights; nearer than this a torch is no brighter
 Gray = NDArray[np.float32]
+
+
+def torch_light(points: Array, normals: Array) -> Array:
+    """Return the brightness (H, W) of points (H, W, 3) by a torch beside the lens."""
+    distance = np.linalg.norm(points, axis=-1)
+    beam = np.exp(-((points[..., 0] / points[..., 2]) ** 2 + (points[..., 1] / points[..., 2]) ** 2) / 0.18)
+    shade = np.abs(np.sum(points * normals, axis=-1)) / distance
+    return np.asarray(beam * shade / np.maximum(distance, NEAR_M) ** 2)
 
 
 class Light:
@@ -58,20 +67,15 @@ class Light:
             lit = np.abs(np.sum(away * facing, axis=-1)) / distance / np.maximum(distance / LAMP_M, 0.5) ** 2
             return 0.35 + 1.6 * lit
         sun = np.maximum(np.sum(facing * self._sun, axis=-1), 0.15) * self._is_lit(world)
-        distance = np.linalg.norm(points, axis=-1)
-        beam = np.exp(-((points[..., 0] / points[..., 2]) ** 2 + (points[..., 1] / points[..., 2]) ** 2) / 0.18)
-        away = np.maximum(distance, NEAR_M) / LAMP_M
-        torch = beam * np.abs(np.sum(points * normals, axis=-1)) / distance / away**2
-        return 0.30 + 1.0 * sun + 1.1 * torch
+        return 0.30 + 1.0 * sun + 1.1 * torch_light(points, normals)
 
     def _patches(self, gray: Gray, world: Array) -> Gray:
         """Return the albedo with the contrast of part of the surfaces inverted."""
         vectors, phases = self._waves
         noise = np.sin(world @ vectors.T + phases).sum(axis=-1)
         mean = cv2.GaussianBlur(gray, (0, 0), BLUR_PX)
-        return np.where(noise > np.sqrt(6 / 2) * 0.385, 2.0 * mean - gray, gray).astype(
-            np.float32
-        )  # on 35 % of the surface
+        is_inverted = noise > np.sqrt(6 / 2) * 0.385  # on 35 % of the surface
+        return np.where(is_inverted, 2.0 * mean - gray, gray).astype(np.float32)
 
     def _points(self, depth_m: Gray) -> tuple[Array, Array]:
         """Return the points (H, W, 3) of an image, holes filled by what is nearest, and normals towards the camera."""
@@ -80,10 +84,8 @@ class Light:
         values = np.zeros(label.max() + 1, np.float32)
         values[label[unknown == 0]] = depth_m[unknown == 0]
         depth = cv2.bilateralFilter(cv2.medianBlur(values[label], 5), 9, 0.05, 5.0)
-        v, u = np.indices(depth.shape)
-        camera = CAMERA
-        rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
-        points = rays * depth[..., None]
+        rays = pixel_rays(CAMERA)
+        points = rays / rays[..., 2:] * depth[..., None]
         across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
         normals = cv2.GaussianBlur(np.cross(down, across) / depth[..., None] ** 2, (0, 0), NORMAL_PX)
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
@@ -108,7 +110,6 @@ class Light:
         row, column = np.clip(row, 0, self._top.shape[0] - 1), np.clip(column, 0, self._top.shape[1] - 1)
         return height > self._top[row, column] - BIAS_M
 
-    def _cells(self, u: Array, v: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    def _cells(self, u: Array, v: Array) -> NDArray[np.int_]:
         """Return row and column of places across the direction of the sun."""
-        row, column = (v - self._corner[1]) / CELL_M, (u - self._corner[0]) / CELL_M
-        return row.astype(int), column.astype(int)
+        return (np.stack([v - self._corner[1], u - self._corner[0]]) / CELL_M).astype(int)

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from benchmarks.commands import TRUTH, call
-from benchmarks.light.lights import Gray, Light
+from benchmarks.light.lights import Light
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry.trajectory import read_tum
@@ -29,9 +29,10 @@ from sphere_nav_tools.offline.evaluation import evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 LIGHTS = (("season", 0.6), ("season", 0.85), ("season", 1.0), ("lamp", 1.0))  # what, share of the other light
-NUM_FRAMES, STEP = 120, 3  # drives in the room are every third of them, and the next two of each
+NUM_FRAMES, STEP = {"quick": 60, "full": 120}, 3  # drives in the room are every third of them, and the next two of each
 MAX_WORSE = 1.5  # error by that of the map of that light alone
 WRONG = (0.1, 5.0)  # m, deg
+OF_OWN = "of what its own map places"
 TITLE = "Images placed, wrong ones, median error"
 COLUMNS = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
 
@@ -49,14 +50,6 @@ class Placed:
         return f"{self.placed} of {self.num_images}, {self.num_wrong} wrong, {self.median_mm:.1f} mm"
 
 
-class Drives(NamedTuple):
-    """Names of bags: what extends the map, what is localised in the same light, and in the first one."""
-
-    joined: str
-    driven: str
-    by_day: str
-
-
 class Result(NamedTuple):
     """One light: localised in the map alone, after its extension, in its own map; the first light before and after."""
 
@@ -70,24 +63,24 @@ class Result(NamedTuple):
 class Room:
     """A recorded room in several lights, and what the commands make of it in a folder."""
 
-    def __init__(self, recording: Recording, folder: Path, num_frames: int = NUM_FRAMES) -> None:
+    def __init__(self, recording: Recording, folder: Path, num_frames: int) -> None:
         self.folder = folder
         self._recording, self._num_frames = recording, num_frames
 
     def compare(self, kind: str, share: float, seed: int, day: Placed) -> tuple[Result, str]:
         """Localise before and after one extension, and in a map of the light alone; return what was said of it, too."""
         name = f"{kind}{round(100 * share)}"
-        drives = self.drives(name, self.light(kind, share, seed))
-        alone = self.localize("map_day", drives.driven)
-        self.map(drives.joined, f"map_{name}_own")
-        own = self.localize(f"map_{name}_own", drives.driven)
+        joined, driven = self.drives(name, self.light(kind, share, seed))
+        alone = self.localize("map_day", driven)
+        self.map(joined, f"map_{name}_own")
+        own = self.localize(f"map_{name}_own", driven)
         try:
-            said = self.map(drives.joined, f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
+            said = self.map(joined, f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
         except ValueError:
             return Result(alone, Placed(own.num_images, 0, 0, np.nan), own, day, day), "refused"
-        after, first = (self.localize(f"map_{name}", one) for one in (drives.driven, drives.by_day))
-        joined = next((line for line in said.splitlines() if line.startswith("joined")), "")
-        return Result(alone, after, own, day, first), joined
+        after, first = (self.localize(f"map_{name}", one) for one in (driven, "day_2"))
+        told = next((line for line in said.splitlines() if line.startswith("joined")), "")
+        return Result(alone, after, own, day, first), told
 
     def map(self, drive: str, name: str, *words: Any) -> str:
         """Make a map; return what was said."""
@@ -114,11 +107,9 @@ class Room:
         self.map("day_0", "map_day")
         return self.localize("map_day", "day_2")
 
-    def drives(self, name: str, light: Light) -> Drives:
-        """Make the bags of the second and of the third drive."""
-        for number in (1, 2):
-            self.drive(name, light, number)
-        return Drives(f"{name}_1", f"{name}_2", "day_2")
+    def drives(self, name: str, light: Light) -> tuple[str, str]:
+        """Make the bags of the second and of the third drive; return their names."""
+        return self.drive(name, light, 1), self.drive(name, light, 2)
 
     def light(self, kind: str, share: float, seed: int, what: type[Light] = Light) -> Light:
         """Return another light of this room."""
@@ -128,27 +119,28 @@ class Room:
     def _paths(self, number: int) -> list[Path]:
         return [self._recording.poses / f"frame-{i:06d}.pose.txt" for i in range(number, self._num_frames, STEP)]
 
-    def drive(self, name: str, light: Any, number: int) -> None:
-        """Make a bag of a drive in a light."""
+    def drive(self, name: str, light: Any, number: int) -> str:
+        """Make a bag of a drive in a light; return its name."""
         bag, folder = self.folder / f"{name}_{number}", self.folder / f"{name}_{number}_images"
         folder.mkdir()
         for path in self._paths(number):
             frame = self._recording.frame(path)
             gray = frame.gray.astype(np.float32)
             gray = gray if light is None else light.shine(gray, frame.depth_m, frame.T_world_camera)
-            _write(folder / f"{frame.name}.color.png", gray)
+            cv2.imwrite(str(folder / f"{frame.name}.color.png"), np.clip(np.rint(gray), 1, 255).astype(np.uint8))
             for source in (self._recording.folder / f"{frame.name}.depth.png", path):
                 shutil.copy(source, folder / source.name)
         call("import", "seven_scenes", folder, "-o", bag, "--truth-camera", "colour")
+        return bag.name
 
 
-def in_kitchen(options: argparse.Namespace, report: Report, measure: Callable[[Room, bool], None]) -> Report:
+def in_kitchen(options: argparse.Namespace, report: Report, measure: Callable[[Room], None]) -> Report:
     """Measure in the recorded room, in a part of it where the size is quick; return the report."""
-    recording, is_quick = Recording.open(options.data), options.size == "quick"
+    recording = Recording.open(options.data)
     if recording is None:
         return Report(report.name, skipped=f"no redkitchen with COLMAP's poses in {options.data}")
     with tempfile.TemporaryDirectory() as name:
-        measure(Room(recording, Path(name), 60 if is_quick else NUM_FRAMES), is_quick)
+        measure(Room(recording, Path(name), NUM_FRAMES[options.size]))
     return report
 
 
@@ -156,9 +148,9 @@ def run(options: argparse.Namespace) -> Report:
     """Measure every light."""
     report, found, rows = Report("relight", notes=[__doc__ or ""]), list[Result](), list[tuple[str, ...]]()
 
-    def measure(room: Room, is_quick: bool) -> None:
+    def measure(room: Room) -> None:
         day = room.base()
-        for seed, (kind, share) in enumerate(LIGHTS[:1] if is_quick else LIGHTS, options.seed):
+        for seed, (kind, share) in enumerate(LIGHTS[:1] if options.size == "quick" else LIGHTS, options.seed):
             result, said = room.compare(kind, share, seed, day)
             found.append(result)
             alone, *others = map(str, result)
@@ -171,18 +163,15 @@ def run(options: argparse.Namespace) -> Report:
 
 def judge(what: str, found: list[Result]) -> list[Bound]:
     """Return the bounds over all lights of a place."""
-    first, after = (
-        [100.0 * getattr(one, name).placed / one.own.placed for one in found] for name in ("alone", "after")
-    )
+    first = [100.0 * one.alone.placed / one.own.placed for one in found]
+    after = [100.0 * one.after.placed / one.own.placed for one in found]
     worse = max(one.after.median_mm / one.own.median_mm for one in found)
     wrong = sum(part.num_wrong for one in found for part in (one.alone, one.after, one.day_after))
     lost = sum(max(0, one.day.placed - one.day_after.placed) for one in found)
     blur = max(one.day_after.median_mm / one.day.median_mm for one in found)
     of = Headline("other light", f"{what} in {len(found)} lights", "a map of that light alone: 100 %")
     return [
-        Bound(
-            f"{what}: placed on the first visit, of what its own map places", 90.0, float(np.mean(first)), "%", True, of
-        ),
+        Bound(f"{what}: placed on the first visit, {OF_OWN}", 90.0, float(np.mean(first)), "%", True, of),
         Bound(f"{what}: placed after one extension, all lights", 99.0, float(np.mean(after)), "%", True, of),
         Bound(f"{what}: placed after one extension, worst light", 99.0, min(after), "%", True, of),
         Bound(f"{what}: wrong, all drives", 0, wrong, ""),
@@ -190,7 +179,3 @@ def judge(what: str, found: list[Result]) -> list[Bound]:
         Bound(f"{what}: images of the first light lost by it", 0, lost, ""),
         Bound(f"{what}: its median error over that before, worst", 1.1, blur, ""),
     ]
-
-
-def _write(path: Path, gray: Gray) -> None:
-    cv2.imwrite(str(path), np.clip(np.rint(gray), 1, 255).astype(np.uint8))

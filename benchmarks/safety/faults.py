@@ -47,7 +47,7 @@ class Outcome:
             _drive_off(drive)
             self._suffer(drive)
         finally:
-            drive.close()
+            drive.bus.close()
 
     def _suffer(self, drive: Drive) -> None:
         began, fault, follower = drive.now, self.fault, drive.follower.loop.follower
@@ -146,6 +146,6 @@ def _laps(course: Course, count: int) -> Bound:
             drive.start()
         num_stops, way = num_stops + drive.gauge.num_stops, way + drive.gauge.way
         seconds += (drive.now - began) / SECOND
-        drive.close()
+        drive.bus.close()
     what = f"false stops in {way:.0f} m ({seconds / 3600:.2f} h) by images, 10 % of them lost"
     return Bound(what, 1, num_stops, "")
