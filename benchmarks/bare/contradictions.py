@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.bare import trials
-from benchmarks.bare.drives import Drive, Studio, kidnapped_line
-from benchmarks.bare.trials import NEAR_M, Trial, run_filter
+from benchmarks.bare.drives import NEAR_M, Drive, Studio, Trial, build_town, kidnapped_line, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3
@@ -52,7 +50,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
     """Add what the filter says of the drives of one town, by fault."""
-    site, plan = trials.town(town)
+    site, plan = build_town(town)
     studio, drives = Studio(town), []
     for number in range(count):
         rng = np.random.default_rng([town, number, 113])

@@ -14,9 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.bare.drives import Step
+from benchmarks.bare.drives import NEAR_M, Step, Trial, run_filter
 from benchmarks.bare.home_world import HEIGHT, Home, home
-from benchmarks.bare.trials import NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.bare import trials
-from benchmarks.bare.drives import LIGHTS, Drive, Studio, kidnapped, kidnapped_line
-from benchmarks.bare.trials import Trial, run_filter
+from benchmarks.bare.drives import LIGHTS, Drive, Studio, Trial, build_town, kidnapped, kidnapped_line, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.world.town import Plan, draw_plan
 
@@ -26,14 +24,14 @@ def run(options: argparse.Namespace) -> Report:
     found: dict[str, list[Trial]] = {"right map": [], "another town": [], "mirrored": [], "the other half": []}
     count = COUNTS[options.size]
     for seed in range(options.seed, options.seed + TOWNS[options.size]):
-        here, plan = trials.town(seed)
+        here, plan = build_town(seed)
         own = kidnapped(Studio(seed), plan, count, NUM_IMAGES, LIGHTS)
         other = Studio(seed + 1000)
         foreign = kidnapped(other, draw_plan(other.seed), count, NUM_IMAGES, LIGHTS)
         for name, drives in (("right map", own), ("another town", foreign), ("mirrored", [d.mirrored for d in own])):
             found[name] += [run_filter(here, drive.steps(), number) for number, drive in enumerate(drives)]
         if options.size == "full":
-            half, _ = trials.town(seed, KEPT)
+            half, _ = build_town(seed, KEPT)
             beside = _beside(Studio(seed), plan, count)
             found["the other half"] += [run_filter(half, drive.steps(), number) for number, drive in enumerate(beside)]
     report = Report("wrong_maps")

@@ -12,17 +12,171 @@ import argparse
 import logging
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from scipy.spatial import cKDTree
+from sphere_nav_msgs.msg import LocalizationStatus
 
-from benchmarks.drive.mission_cameras import CameraTown, City
-from benchmarks.drive.mission_town import Driven, Town
+from benchmarks.commands import call
+from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Driven, Town, features, named
+from benchmarks.drive.street import rounded_way
 from benchmarks.report import Bound, Headline, Report, Table
+from cycab_sim.params import SimParams
+from cycab_sim.ros.outputs import Outputs
+from cycab_sim.simulator import START_NS, Simulator
+from cycab_sim.vehicle import VehicleCommand
+from dense_localizer.ros.node import DenseLocalizerNode
+from path_follower.path import Pose2
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell, record
+from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
+from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
+from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.offline.routes import map_id_of, read_network_of
 
+WAIT_NS = 30_000_000_000  # of simulated time until the car must know where it is
+CITY = SIMULATION | BUSY | {"world": "city", "teach.speed": CRUISE, "capture.distance": 2.0}
 FULL, QUICK, BY_CAMERA = 100, 3, 12  # missions
 COLUMNS = ("from", "to", "arrived", "m", "contacts", "lateral RMSE m", "stops at joints")
+
+
+@dataclass(frozen=True)
+class City:
+    """Where a city's tour and map are kept, its seed, and how many processes map it."""
+
+    folder: Path
+    seed: int
+    jobs: int = 1
+
+    def simulator(self, more: Mapping[str, Any]) -> Simulator:
+        """Return the city, its traffic busy where the tour does not lead."""
+        return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(TOUR))
+
+    def prepare(self) -> None:
+        """Drive the tour by the simulator's driver into a bag and map it."""
+        self.folder.mkdir(parents=True)
+        rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+        record_drive(self.simulator(TEACHING | {"rig.file": str(rig)}), self.folder / "teach")
+        words = ("--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+        call("map", self.folder / "teach", "-o", self.folder / "map", *words)
+
+
+def record_drive(simulator: Simulator, path: Path, length_m: float = np.inf) -> None:
+    """Let the simulator's driver drive, so far at most; write what its node would publish into a bag."""
+    bus = OfflineBus(start_ns=START_NS)
+    outputs = publish_on(bus, simulator)
+    with BagWriter(path) as bag:
+        while simulator.driver.distance < length_m and not simulator.is_taught:
+            bus.now_ns = simulator.time_ns
+            for name in simulator.take_due():
+                outputs.publish(name)
+            for _ in record(bus.settle(), bag, bus):
+                pass
+            simulator.step(simulator.teach_command(), STEP_NS // 5)
+
+
+def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:
+    """Return the simulator's outputs on a bus; its cameras' places are told."""
+    outputs = Outputs(OfflineShell(bus, "cycab_sim", {}, {}), simulator)
+    outputs.publish_statics()
+    return outputs
+
+
+class Taught:
+    """The tour as it was mapped and as it truly was: what is near it in the map, and where that is in the world."""
+
+    def __init__(self, mapped: Trajectory, truth: Trajectory) -> None:
+        at, known = truth.at(mapped.stamps_ns)
+        self.T_world, self.T_map = at.T_map_body[known], mapped[known].T_map_body
+        x, y, _ = self.T_map.translation.T
+        self.tree = cKDTree(features(x, y, np.asarray(self.T_map.yaw)))
+
+    def to_world(self, T_map: SE3) -> SE3:
+        """Return where a pose of the map truly is, by the nearest taught pose that heads alike."""
+        x, y, _ = T_map.translation
+        near = int(self.tree.query(features(x, y, T_map.yaw))[1])
+        return self.T_world[near] @ self.T_map[near].inverse() @ T_map
+
+
+class CameraTown(Town):
+    """The car in the simulated city: its camera, the localizer, and the nodes of every mission."""
+
+    def __init__(self, folder: Path, city: City, seed: int) -> None:
+        city.prepare()
+        self.taught = Taught(read_tum(city.folder / "taught.tum"), read_truth(city.folder / "teach"))
+        self.states: Counter[str] = Counter()  # of images under way
+        self.errors: list[float] = []  # of poses, m
+        self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
+        network = read_network_of([city.folder / "taught.tum"], map_id_of(city.folder / "map"), 1.2)
+        super().__init__(folder, seed, named(network))
+        self.simulator = city.simulator(OTHER_DAY | {"mode": "drive", "noise_seed": seed})
+        self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
+        self.simulator.step(VehicleCommand(), STEP_NS)
+        self.localizer = self.bus.add(DenseLocalizerNode, {"map": str(city.folder / "map"), "every_image": True})
+        self.outputs = publish_on(self.bus, self.simulator)
+        self.put(self._spot(self.here))
+
+    def placed(self, pose: Pose2) -> Pose2:
+        """Return where a pose of the network truly is."""
+        return Pose2.of(self.taught.to_world(SE3.from_planar(*pose)))
+
+    def put(self, pose: Pose2) -> None:
+        """Put the car down, and wait until it has found the place by itself."""
+        self.simulator.teleport(*self.placed(pose))
+        self.car = self.simulator.vehicle
+        cast("OfflineShell", self.localizer.endpoints).call("reset")
+        self.state, end = "", self.bus.now_ns + WAIT_NS
+        while self.state != State.TRACKING and self.bus.now_ns < end:
+            self.pause(1)
+
+    @property
+    def told(self) -> str:
+        """How well the localizer did."""
+        errors = np.array(self.errors)
+        return (
+            f"images under way: {dict(self.states)}; error of {len(errors)} poses:"
+            f" rms {np.sqrt(np.mean(errors**2)):.4f} m, largest {errors.max():.3f} m"
+        )
+
+    def sense(self, now: int) -> Iterator[Recorded]:
+        """Publish what the sensors measure now, and what of it comes late; yield what is said."""
+        yield from self.bus.advance(now)
+        for name in self.simulator.take_due():
+            if name == "camera":
+                self.truth[now] = self.simulator.T_world_base
+            self.outputs.publish(name)
+        self.outputs.publish_late()
+        if now % PERIOD_NS == 0:
+            self.bus.publish("/scan", self.scan(now))
+        for said in self.bus.settle():
+            self.judge(said.topic, said.message)
+            yield said
+
+    def judge(self, topic: str, message: object) -> None:
+        """Count states, and compare poses with the truth."""
+        if isinstance(message, LocalizationStatus) and topic == "/status":
+            self.state = message.state
+            self.states[message.state] += self.navigator.mission.course is not None
+        elif isinstance(message, PoseWithCovarianceStamped) and topic == "/pose":
+            T_world_base = self.taught.to_world(pose_to_se3(message.pose.pose))
+            off = T_world_base.translation - self.truth.pop(stamp_ns(message)).translation
+            self.errors.append(float(np.linalg.norm(off)))
+
+    def move(self) -> None:
+        """Let the car obey for a step."""
+        for _ in range(5):
+            self.simulator.step(self.command, STEP_NS // 5)
 
 
 def run(options: argparse.Namespace) -> Report:

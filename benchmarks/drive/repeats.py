@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.commands import call
-from benchmarks.drive.mission_cameras import Taught, record_drive
+from benchmarks.drive.missions import Taught, record_drive
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_file_text

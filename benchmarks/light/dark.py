@@ -14,8 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.commands import TRUTH
-from benchmarks.light.lights import Gray, Light, torch_light
-from benchmarks.light.relight import TITLE, Room, in_kitchen
+from benchmarks.light.relight import TITLE, Gray, Light, Room, in_kitchen, torch_light
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from benchmarks.bare.drives import Drive
-from benchmarks.bare.trials import Trial
+from benchmarks.bare.drives import Drive, Trial
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.localization.status import State
 

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.abuse import fuzz
-from benchmarks.abuse.fuzz_targets import Target, make_targets
+from benchmarks.abuse.fuzz import Target, make_targets
 
 
 def failures(attempt, folder, count=20):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.drive.mission_cameras import Taught
+from benchmarks.drive.missions import Taught
 from benchmarks.drive.repeats import KINDS, Drive, Found, deviations, draw_drives, judge
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.drive.mission_cameras import Taught
 from benchmarks.drive.mission_town import PLACES, tour_network
+from benchmarks.drive.missions import Taught
 from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
