@@ -49,7 +49,6 @@ ROUND = 24  # lies before a question
 SHARE_OF_REQUESTS = 0.3  # of the lies; the others are messages
 SHARE_OF_BYTES = 0.2  # of the messages, that are no message
 SHARE_OF_CHANGES = 0.05  # of the requests that make a node deaf to other lies: those to change its state
-DOMAIN = "48"
 COLUMNS = ("node", "endpoints", "lies", "starts", "deaths", "silent", "traces")
 RCLError = rclpy_implementation.RCLError
 
@@ -287,8 +286,6 @@ def interrogate(cases: Sequence[tuple[Case, bool]], count: int, seed: int) -> li
 
 def run(options: argparse.Namespace) -> Report:
     """Lie to every node on both clocks, or to three of them."""
-    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     cases = [(case, clock) for case in CASES for clock in (False, True)]
     if options.size == "quick":
         cases = random.Random(options.seed).sample(cases, min(3, len(cases)))

@@ -8,7 +8,6 @@ import re
 import signal
 import socket
 import subprocess
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -43,8 +42,8 @@ WARM_UP = 200  # requests before memory is looked at: what is taken once
 class Victim:
     """The command in a process of its own."""
 
-    def __init__(self, folder: str) -> None:
-        words = ["operate", "--folder", folder, "--token", TOKEN, "--port", "8461"]
+    def __init__(self, folder: Path) -> None:
+        words = ["operate", "--folder", str(folder), "--token", TOKEN, "--port", "8461"]
         self.process = subprocess.Popen(python_command(COMMAND, *words), stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         found = re.search(r":(\d+)/", self.process.stdout.readline())
@@ -87,17 +86,16 @@ class Victim:
 def run(options: argparse.Namespace) -> Report:
     """Measure."""
     report = Report("page")
-    with tempfile.TemporaryDirectory() as folder:
-        victim = Victim(folder)
-        try:
-            for _ in range(WARM_UP):
-                victim.ask(host="evil.example")
-            rows = list(_abuse(victim, *SIZES[options.size]))
-            time.sleep(2.0 * GUESS_S)  # who guessed waits, the operator at the same address with him
-            is_served = victim.ask() in IN
-        finally:
-            victim.close()
-        num_told = _paths_out(Path(folder))
+    victim = Victim(options.folder)
+    try:
+        for _ in range(WARM_UP):
+            victim.ask(host="evil.example")
+        rows = list(_abuse(victim, *SIZES[options.size]))
+        time.sleep(2.0 * GUESS_S)  # who guessed waits, the operator at the same address with him
+        is_served = victim.ask() in IN
+    finally:
+        victim.close()
+    num_told = _paths_out(options.folder)
     report.tables.append(Table("Strangers", ("what", "asked", "let in", "answers", "MB", "s"), rows))
     report.bounds += [
         Bound("strangers let in", 0, sum(int(row[2]) for row in rows), "", headline=Headline("robustness", "page")),

@@ -11,7 +11,6 @@ import argparse
 import json
 import os
 import subprocess
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,6 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav_tools.cli.processes import Processes, node_command
 from worlds.patience import family
 
-DOMAIN = "71"
 SLOW, NUM_VIEWS = 10, 200  # turns between two inputs of what is fed slowly; views of the way back and forth
 SAMPLING, WARM_UP = 10.0, 600.0  # s between two looks; in which caches fill, at most a third of the run
 RADIUS, SWAY, NOISE = 20.0, 6.0, 1.2  # m of the circle; m of the camera's way; grey levels
@@ -120,31 +118,28 @@ def run(options: argparse.Namespace) -> Report:
     log, minutes = Path("out/bench/soak.jsonl"), 1.0 if options.size == "quick" else 20.0
     log.parent.mkdir(parents=True, exist_ok=True)
     log.write_text("", encoding="utf-8")
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    with tempfile.TemporaryDirectory() as name:
-        folder, rng, views = Path(name), np.random.default_rng(0), []
-        course = Course(folder)
-        for number in range(NUM_VIEWS):
-            view = course.look(*course.pose(along(number)))
-            views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
-        turns = np.linspace(0.0, 2.0 * np.pi, 400)
-        circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
-        (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
-        parameters: dict[str, dict[str, Any]] = {
-            "path_follower": {"trajectory": folder / "path.csv", "path.is_closed": "true"},
-            "dense_localizer": {"map": course.map},
-            "mcl_depth": {"cloud": course.map, "input.timeout_s": 3.0},
-            "sphere_stitcher": rig_in(folder),
-            "bag_recorder": {"output": folder / "bag", "topics": TOPICS},
-        }
-        with Processes(folder) as nodes:
-            running = {name: nodes.begin(name, _command(name, parameters.get(name, {}))) for name in NODES}
-            feeder = Feeder(views, course.camera, course.T_base_camera)
-            try:
-                _watch(feeder, running, minutes, log)
-            finally:
-                feeder.close()
+    folder, rng, views = options.folder, np.random.default_rng(0), []
+    course = Course(folder)
+    for number in range(NUM_VIEWS):
+        view = course.look(*course.pose(along(number)))
+        views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
+    turns = np.linspace(0.0, 2.0 * np.pi, 400)
+    circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
+    (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
+    parameters: dict[str, dict[str, Any]] = {
+        "path_follower": {"trajectory": folder / "path.csv", "path.is_closed": "true"},
+        "dense_localizer": {"map": course.map},
+        "mcl_depth": {"cloud": course.map, "input.timeout_s": 3.0},
+        "sphere_stitcher": rig_in(folder),
+        "bag_recorder": {"output": folder / "bag", "topics": TOPICS},
+    }
+    with Processes(folder) as nodes:
+        running = {name: nodes.begin(name, _command(name, parameters.get(name, {}))) for name in NODES}
+        feeder = Feeder(views, course.camera, course.T_base_camera)
+        try:
+            _watch(feeder, running, minutes, log)
+        finally:
+            feeder.close()
     return judge(log)
 
 

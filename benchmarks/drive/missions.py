@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -183,13 +182,12 @@ def run(options: argparse.Namespace) -> Report:
     """Drive all missions, one after the other, each from where the last one ended; by a camera, too, in full size."""
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     report, is_quick = Report("missions", notes=[__doc__ or ""]), options.size == "quick"
-    with tempfile.TemporaryDirectory() as name:
-        drive_in(Town(Path(name), options.seed), "missions", QUICK if is_quick else FULL, report)
-        if not is_quick:
-            city = City(Path(name) / "city", options.seed, options.threads)
-            town = CameraTown(Path(name), city, options.seed)
-            drive_in(town, "missions by a camera", BY_CAMERA, report)
-            report.notes.append(town.told)
+    drive_in(Town(options.folder, options.seed), "missions", QUICK if is_quick else FULL, report)
+    if not is_quick:
+        city = City(options.folder / "city", options.seed, options.threads)
+        town = CameraTown(options.folder, city, options.seed)
+        drive_in(town, "missions by a camera", BY_CAMERA, report)
+        report.notes.append(town.told)
     return report
 
 

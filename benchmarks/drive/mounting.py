@@ -7,7 +7,6 @@ on how the camera sits.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -37,12 +36,11 @@ def run(options: argparse.Namespace) -> Report:
     """Teach and map with each mounting; compare the taught paths with the first one."""
     report, (way_m, every) = Report("mounting", notes=[__doc__ or ""]), SIZES[options.size]
     names, paths = list(MOUNTINGS)[::every], list[Trajectory]()
-    with tempfile.TemporaryDirectory() as name:
-        for mounting in names:
-            bag, path = Path(name) / mounting, Path(name) / f"{mounting}.tum"
-            teach(bag, mounting, options.seed, way_m)
-            call("map", bag, "-o", Path(name) / f"{mounting}_map", "--taught", path)
-            paths.append(read_tum(path))
+    for mounting in names:
+        bag, path = options.folder / mounting, options.folder / f"{mounting}.tum"
+        teach(bag, mounting, options.seed, way_m)
+        call("map", bag, "-o", options.folder / f"{mounting}_map", "--taught", path)
+        paths.append(read_tum(path))
     moved, turned = zip(*(compare(path, paths[0]) for path in paths), strict=True)
     rows = [(name, f"{mm:.1f} mm", f"{deg:.2f} deg") for name, mm, deg in zip(names, moved, turned, strict=True)]
     report.tables.append(

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,12 +49,11 @@ def run(options: argparse.Namespace) -> Report:
     """Teach, repeat, and judge."""
     count, length_m, kinds = SIZES[options.size]
     drives = draw_drives(count, options.seed, kinds)
-    with tempfile.TemporaryDirectory() as folder:
-        repeats = Repeats(Way(options.seed, length_m), Path(folder))
-        for drive in drives:
-            repeats.repeat(drive)
-            print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
-        sizes = [(one / FILE_NAME).stat().st_size for one in (repeats.maps[0], repeats.maps[-1])]
+    repeats = Repeats(Way(options.seed, length_m), options.folder)
+    for drive in drives:
+        repeats.repeat(drive)
+        print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
+    sizes = [(one / FILE_NAME).stat().st_size for one in (repeats.maps[0], repeats.maps[-1])]
     title = f"{count} repeats of {length_m:g} m"
     report = Report("repeats", [Table(title, COLUMNS, repeats.rows)], notes=[__doc__ or "", *repeats.notes])
     report.bounds += judge(repeats.found, sizes[1] / sizes[0], f"{title} in {len({d.kind for d in drives})} lights")

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -239,8 +238,7 @@ def in_kitchen(options: argparse.Namespace, report: Report, measure: Callable[[R
     recording = Recording.open(options.data)
     if recording is None:
         return Report(report.name, skipped=f"no redkitchen with COLMAP's poses in {options.data}")
-    with tempfile.TemporaryDirectory() as name:
-        measure(Room(recording, Path(name), NUM_FRAMES[options.size]))
+    measure(Room(recording, options.folder, NUM_FRAMES[options.size]))
     return report
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import subprocess
-import tempfile
 import time
 from pathlib import Path
 
@@ -29,12 +28,11 @@ JOBS, SPEED_UP = (1, 2), 1.7
 def run(options: argparse.Namespace) -> Report:
     """Draw a drive, map it by one process and by several; kernels are compiled before."""
     number, width = (QUICK_INSTANTS, 512) if options.size == "quick" else (INSTANTS, 1024)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        _draw(folder, number, width, options.seed)
-        _map(folder, "first", 1, width)
-        found = {jobs: _map(folder, str(jobs), jobs, width) for jobs in JOBS}
-        one, other = (np.fromfile(folder / str(jobs) / "map.mcap", np.uint8) for jobs in JOBS)
+    folder = options.folder
+    _draw(folder, number, width, options.seed)
+    _map(folder, "first", 1, width)
+    found = {jobs: _map(folder, str(jobs), jobs, width) for jobs in JOBS}
+    one, other = (np.fromfile(folder / str(jobs) / "map.mcap", np.uint8) for jobs in JOBS)
     rows = [(str(jobs), f"{seconds:.1f}", f"{memory:.0f}") for jobs, (seconds, memory) in found.items()]
     title = f"{number} instants, {SPACING_M * number:.0f} m, spheres {width} px wide, {num_cores()} cores"
     report, told = Report("map_jobs"), Headline("times and memory", f"city of the simulator, {width} px")

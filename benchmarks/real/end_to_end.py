@@ -7,7 +7,6 @@ are mapped, and those of the same kitchen that are localised by colour alone, fo
 from __future__ import annotations
 
 import argparse
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,13 +60,11 @@ def splits(seed: int, *, is_quick: bool) -> list[Split]:
 def run(options: argparse.Namespace) -> Report:
     """Measure what is there."""
     report, is_quick = Report("end_to_end", notes=[__doc__ or ""]), options.size == "quick"
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        if (recording := Recording.open(options.data)) is not None:
-            for split in splits(options.seed, is_quick=is_quick):
-                kitchen(recording, split, folder / split.what.replace(" ", "_"), report)
-        if (options.data / "driving" / "kitti_06").is_dir():
-            stereo(options.data / "driving" / "kitti_06", folder / "kitti_06", report)
+    if (recording := Recording.open(options.data)) is not None:
+        for split in splits(options.seed, is_quick=is_quick):
+            kitchen(recording, split, options.folder / split.what.replace(" ", "_"), report)
+    if (options.data / "driving" / "kitti_06").is_dir():
+        stereo(options.data / "driving" / "kitti_06", options.folder / "kitti_06", report)
     report.skipped = "" if report.bounds else f"no recordings in {options.data}"
     return report
 

@@ -6,7 +6,6 @@ After each answered stop, pause or press (and release) the base may ramp down, a
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import tempfile
 import threading
@@ -65,7 +64,6 @@ def run(options: argparse.Namespace) -> Report:
 
 def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float]]:
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
-    os.environ["ROS_DOMAIN_ID"] = "45"
     with tempfile.TemporaryDirectory() as name, Processes(Path(name)) as nodes:
         prepare(nodes.folder)
         nodes.start("path_follower", {"trajectory": f"{name}/path.csv", "safety.resume": rule})

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -45,7 +43,6 @@ SETTLE, SETTLE_S = 50, 0.2  # images of the localiser's start, which is no track
 RIG_SETTLE, RIG_SETTLE_S = 4, 2.0  # of the rig, which loads kernels with its first images
 PATIENCE_S, DRAIN_S, PAUSE_S = 240.0, 10.0, 1.0  # for nodes to be up; for what waits to be worked off; of the player
 MAX_AGE_MS, MIN_TRACKED = 50.0, 0.97
-DOMAIN = "46"
 
 
 @dataclass(frozen=True)
@@ -78,9 +75,10 @@ def run(options: argparse.Namespace) -> Report:
     """Play both cases."""
     report, rows = Report("live_rigs", notes=[__doc__ or ""]), list[tuple[str, ...]]()
     for make in (localizer_case, rig_case):
-        with tempfile.TemporaryDirectory() as name:
-            case = make(Path(name), options.seed, options.size == "quick")
-            heard = listen(case, Path(name))
+        folder = options.folder / make.__name__
+        folder.mkdir()
+        case = make(folder, options.seed, options.size == "quick")
+        heard = listen(case, folder)
         ages = heard.ages_ms or [np.inf]
         num_sent, num_answered = len(heard.sent), len(heard.ages_ms)
         rows.append((case.name, str(num_sent), str(num_answered), f"{np.median(ages):.1f}", f"{max(ages):.1f}"))
@@ -137,7 +135,6 @@ def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
 # --- over DDS
 def listen(case: Case, folder: Path) -> Heard:
     """Run nodes and player, hear what they say."""
-    os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     heard = Heard()
 
     def on_answer(message: Any) -> None:
