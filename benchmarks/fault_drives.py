@@ -46,26 +46,23 @@ class Course:
     def __init__(self, folder: Path, seed: int = 1) -> None:
         self.simulator = Simulator(build(SimParams, STREET | {"seed": seed}))
         self.path = self.simulator.path
-        mounts = self.simulator.mounts
-        self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
+        camera, sphere = (self.simulator.mounts[name] for name in ("camera", "sphere"))
+        self.camera, self.T_base_camera = camera.camera, camera.T_base_camera
         self.length = self.path.length - BEFORE
-        self.map = self._make_map(folder / "map", mounts["sphere"])
+        along = np.arange(-BEFORE, self.length, SPACING)
+        poses = [SE3.from_planar(*self.pose(float(one))) @ sphere.T_base_camera for one in along]
+        nodes = list(graph_of(self.simulator, sphere.camera, poses, SECOND))
+        self.map = save_map(folder / "map", SphereGraph(nodes, motions(nodes)), MapDetails("street"))
 
-    def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
+    def pose(self, along: float) -> tuple[float, float, float]:
         """Return x, y, yaw of the base at a distance along the path."""
-        x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
-        return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
+        x, y, yaw, _ = map(float, self.path.at(along + BEFORE))
+        return x, y, yaw
 
     def look(self, x: float, y: float, yaw: float) -> NDArray[np.uint8]:
         """Return what the camera sees, without noise."""
         T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
         return self.simulator.render(self.camera, T_world_camera, is_gray=True)[0]
-
-    def _make_map(self, folder: Path, mount: Any) -> Path:
-        along = np.arange(-BEFORE, self.length, SPACING)
-        poses = [SE3.from_planar(*self.pose(float(one))) @ mount.T_base_camera for one in along]
-        nodes = list(graph_of(self.simulator, mount.camera, poses, SECOND))
-        return save_map(folder, SphereGraph(nodes, motions(nodes)), MapDetails("street"))
 
 
 @dataclass
@@ -85,8 +82,7 @@ class Drive:
         self.course, self.seed, self.has_odometry = course, seed, has_odometry
         self.rng = np.random.default_rng(seed)
         self.bus = OfflineBus()
-        localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
-        self.localizer = localizer
+        self.localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
         self.localizer.residual = SimpleNamespace(num_subscriptions=0)  # nobody looks at it
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
         self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), CarParams(), ActuatorParams())
@@ -107,16 +103,17 @@ class Drive:
         answer = self.follower.endpoints.call("start")
         return "" if answer.success else str(answer.message).partition(":")[0]
 
-    def teleport(self, along: float, left: float = 0.0, turned: float = 0.0) -> None:
-        """Put the car elsewhere on the course, at its speed."""
-        speed = self.vehicle.state.speed
-        self.vehicle.state = VehicleState(*self.course.pose(along, left, turned), speed, 0.0)
+    def teleport(self, along: float, turned: float = 0.0) -> None:
+        """Put the car elsewhere on the course, at its speed, so much further along it."""
+        x, y, yaw = self.course.pose(self.place[0] + along)
+        self.vehicle.state = VehicleState(x, y, yaw + turned, self.vehicle.state.speed, 0.0)
 
     @property
-    def along(self) -> float:
-        """Where the car is along the path, m."""
-        x, y, yaw = self.course.pose(0.0)
-        return float((self.vehicle.state.x - x) * np.cos(yaw) + (self.vehicle.state.y - y) * np.sin(yaw))
+    def place(self) -> tuple[float, float]:
+        """Where the car is along the straight path, and beside it, m."""
+        T_start_car = SE3.from_planar(*self.course.pose(0.0)).inverse() @ self.vehicle.state.T_world_base
+        x, y, _ = T_start_car.translation.tolist()
+        return x, y
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
@@ -162,10 +159,8 @@ class Drive:
     def _move(self) -> None:
         self.vehicle.step(self.command, STEP_NS / SECOND)
         self.odometry.follow(self.vehicle, STEP_NS / SECOND)
-        state, (x, y, yaw) = self.vehicle.state, self.course.pose(0.0)
-        self.gauge.way += abs(state.speed) * STEP_NS / SECOND
-        aside = abs((state.y - y) * np.cos(yaw) - (state.x - x) * np.sin(yaw))
-        self.gauge.aside = max(self.gauge.aside, float(aside))
+        self.gauge.way += abs(self.vehicle.state.speed) * STEP_NS / SECOND
+        self.gauge.aside = max(self.gauge.aside, abs(self.place[1]))
 
 
 class Odometer(WheelOdometry):

@@ -1,4 +1,4 @@
-"""What strangers do to the operator's page: other pages, other names, guesses, noise, ways out of the folder."""
+"""What strangers do to the operator's page: other pages, other names, guesses, noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from pathlib import Path
 from benchmarks.commands import COMMAND
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav_tools.cli.constants import GUESS_S
-from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.processes import python_command
 
 TOKEN, FOREIGN = "token_of_the_yard", ("http://evil.example", "http://127.0.0.1:1", "http://localhost:8081", "null")
@@ -34,7 +33,7 @@ BEGINS = {
     "noise as one message after it": HANDSHAKE + b"\x82\xff" + b"\0" * 6,
 }
 SIZES = {"quick": (1000, 64 << 20), "full": (10_000, 1 << 30)}  # guesses, bytes of noise
-PATHS, PIECE = 50, 1 << 16  # out of the folder; bytes
+PIECE = 1 << 16  # bytes
 IN = ("101", "200")  # answers to who is let in
 WARM_UP = 200  # requests before memory is looked at: what is taken once
 
@@ -95,13 +94,11 @@ def run(options: argparse.Namespace) -> Report:
         is_served = victim.ask() in IN
     finally:
         victim.close()
-    num_told = _paths_out(options.folder)
     report.tables.append(Table("Strangers", ("what", "asked", "let in", "answers", "MB", "s"), rows))
     report.bounds += [
         Bound("strangers let in", 0, sum(int(row[2]) for row in rows), "", headline=Headline("robustness", "page")),
         Bound("growth of memory, largest of all", 5.0, max(float(row[4]) for row in rows), "MB"),
         Bound("the operator is served afterwards", 1, int(is_served), "", is_minimum=True),
-        Bound(f"different answers to {PATHS} paths out of the folder", 1, num_told, ""),
     ]
     return report
 
@@ -127,14 +124,3 @@ def _row(victim: Victim, what: str, count: int, act: Callable[[], Iterable[str]]
     grown, seconds = victim.memory_mb("VmHWM") - memory, time.monotonic() - begin
     told = ", ".join(f"{number} x {status or 'none'}" for status, number in sorted(answers.items()))
     return what, str(count), str(sum(answers[status] for status in IN)), told, f"{grown:.1f}", f"{seconds:.1f}"
-
-
-def _paths_out(folder: Path) -> int:
-    """Return how many different answers paths out of the folder get, there or not."""
-    (folder / "link").symlink_to("/etc")
-    names = ["/etc/passwd", "/etc", "../", "link/passwd", "link", "/root/.ssh", "/proc/self/mem", "/dev/null", "", "."]
-    names += [f"{'../' * k}etc/passwd" for k in range(1, 21)] + [f"/nothing/{k}" for k in range(PATHS - 30)]
-    teaching = Teaching(folder, [], [])
-    told = {(teaching.path_of(name), teaching.map_of(name), teaching.map(name)) for name in names}
-    teaching.close()
-    return len(told)

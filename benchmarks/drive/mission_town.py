@@ -83,9 +83,8 @@ class Town:
         self.bus = OfflineBus(start_ns=1_000_000_000)
         cruise = {"speed.cruise": CRUISE, "enable_stamped_cmd_vel": True}
         self.follower = self.bus.add(PathFollowerNode, cruise)
-        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.cruise": CRUISE}
-        values |= {"mission.memory": 60.0}
-        self.navigator = self.bus.add(RouteNavigator, values)
+        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.memory": 60.0}
+        self.navigator = self.bus.add(RouteNavigator, values | {"mission.cruise": CRUISE})
         self.shell = cast("OfflineShell", self.navigator.endpoints)
         mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")
         self.bus.publish("/tf_static", TFMessage(transforms=[mounted]))
@@ -94,7 +93,7 @@ class Town:
         self.command = VehicleCommand()
         self.pending: list[tuple[int, Pose2]] = []
         self.walkers: list[tuple[Array, int]] = []  # where, and until when
-        self.next_walker = 0.0
+        self.next_walker, self.is_standing = 0.0, True
         curves = [edge.curve for edge in self.network.edges.values()]
         points = [pose for curve in curves for pose in zip(curve.x, curve.y, curve.yaw, strict=True)]
         self.points = np.array([self.placed(Pose2(*pose)) for pose in points])
@@ -211,23 +210,13 @@ class Town:
             across = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
             is_touched = -0.35 - WALKER < along < 1.55 + WALKER and abs(across) < 0.6 + WALKER
             driven.contacts += int(is_touched and abs(state.speed) > 0.02)
-        if mission.course is None or abs(state.speed) < 0.05 or mission.progress < 10.0:
-            self._count_stop(driven)
-            return
-        x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]
-        error = math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x)
-        driven.lateral.append(error)
-        self.is_standing = False
-
-    is_standing = True
-
-    def _count_stop(self, driven: Driven) -> None:
-        """Count a stand under way that no walker explains."""
-        mission = self.navigator.mission
-        is_new = mission.course is not None and mission.progress >= 10.0 and not self.is_standing
-        if is_new and mission.state == "DRIVING" and not mission.reason and mission.distance_remaining > 1.0:
-            driven.stops += 1
-        self.is_standing = True
+        is_under_way = mission.course is not None and mission.progress >= 10.0
+        had_stood, self.is_standing = self.is_standing, not is_under_way or abs(state.speed) < 0.05
+        if not self.is_standing:
+            x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]
+            driven.lateral.append(math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x))
+        elif is_under_way and not had_stood and mission.state == "DRIVING" and not mission.reason:
+            driven.stops += mission.distance_remaining > 1.0  # that no walker explains
 
 
 # --- the network

@@ -13,14 +13,11 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from scipy.spatial import cKDTree
-from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.commands import call
 from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Driven, Town, features, named
@@ -50,25 +47,9 @@ FULL, QUICK, BY_CAMERA = 100, 3, 12  # missions
 COLUMNS = ("from", "to", "arrived", "m", "contacts", "lateral RMSE m", "stops at joints")
 
 
-@dataclass(frozen=True)
-class City:
-    """Where a city's tour and map are kept, its seed, and how many processes map it."""
-
-    folder: Path
-    seed: int
-    jobs: int = 1
-
-    def simulator(self, more: Mapping[str, Any]) -> Simulator:
-        """Return the city, its traffic busy where the tour does not lead."""
-        return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(TOUR))
-
-    def prepare(self) -> None:
-        """Drive the tour by the simulator's driver into a bag and map it."""
-        self.folder.mkdir(parents=True)
-        rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
-        record_drive(self.simulator(TEACHING | {"rig.file": str(rig)}), self.folder / "teach")
-        words = ("--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
-        call("map", self.folder / "teach", "-o", self.folder / "map", *words)
+def simulate(seed: int, more: Mapping[str, Any]) -> Simulator:
+    """Return the city of a seed, its traffic busy where the tour does not lead."""
+    return Simulator(build(SimParams, {**CITY, "seed": seed, **more}), rounded_way(TOUR))
 
 
 def record_drive(simulator: Simulator, path: Path, length_m: float = np.inf) -> None:
@@ -111,18 +92,20 @@ class Taught:
 class CameraTown(Town):
     """The car in the simulated city: its camera, the localizer, and the nodes of every mission."""
 
-    def __init__(self, folder: Path, city: City, seed: int) -> None:
-        city.prepare()
-        self.taught = Taught(read_tum(city.folder / "taught.tum"), read_truth(city.folder / "teach"))
+    def __init__(self, folder: Path, seed: int, num_jobs: int) -> None:
+        """Let the simulator's driver drive the tour into a bag, and map it."""
+        bag, rig, taught, made = (folder / name for name in ("teach", "rig.yaml", "taught.tum", "map"))
+        record_drive(simulate(seed, TEACHING | {"rig.file": str(rig)}), bag)
+        call("map", bag, "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", num_jobs)
+        self.taught = Taught(read_tum(taught), read_truth(bag))
         self.states: Counter[str] = Counter()  # of images under way
         self.errors: list[float] = []  # of poses, m
         self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
-        network = read_network_of([city.folder / "taught.tum"], map_id_of(city.folder / "map"), 1.2)
-        super().__init__(folder, seed, named(network))
-        self.simulator = city.simulator(OTHER_DAY | {"mode": "drive", "noise_seed": seed})
+        super().__init__(folder, seed, named(read_network_of([taught], map_id_of(made), 1.2)))
+        self.simulator = simulate(seed, OTHER_DAY | {"mode": "drive", "noise_seed": seed})
         self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
         self.simulator.step(VehicleCommand(), STEP_NS)
-        self.localizer = self.bus.add(DenseLocalizerNode, {"map": str(city.folder / "map"), "every_image": True})
+        self.localizer = self.bus.add(DenseLocalizerNode, {"map": str(made), "every_image": True})
         self.outputs = publish_on(self.bus, self.simulator)
         self.put(self._spot(self.here))
 
@@ -143,10 +126,8 @@ class CameraTown(Town):
     def told(self) -> str:
         """How well the localizer did."""
         errors = np.array(self.errors)
-        return (
-            f"images under way: {dict(self.states)}; error of {len(errors)} poses:"
-            f" rms {np.sqrt(np.mean(errors**2)):.4f} m, largest {errors.max():.3f} m"
-        )
+        told = f"rms {np.sqrt(np.mean(errors**2)):.4f} m, largest {errors.max():.3f} m"
+        return f"images under way: {dict(self.states)}; error of {len(errors)} poses: {told}"
 
     def sense(self, now: int) -> Iterator[Recorded]:
         """Publish what the sensors measure now, and what of it comes late; yield what is said."""
@@ -159,18 +140,14 @@ class CameraTown(Town):
         if now % PERIOD_NS == 0:
             self.bus.publish("/scan", self.scan(now))
         for said in self.bus.settle():
-            self.judge(said.topic, said.message)
+            if said.topic == "/status":
+                self.state = said.message.state
+                self.states[self.state] += self.navigator.mission.course is not None
+            elif said.topic == "/pose":
+                T_world_base = self.taught.to_world(pose_to_se3(said.message.pose.pose))
+                off = T_world_base.translation - self.truth.pop(stamp_ns(said.message)).translation
+                self.errors.append(float(np.linalg.norm(off)))
             yield said
-
-    def judge(self, topic: str, message: object) -> None:
-        """Count states, and compare poses with the truth."""
-        if isinstance(message, LocalizationStatus) and topic == "/status":
-            self.state = message.state
-            self.states[message.state] += self.navigator.mission.course is not None
-        elif isinstance(message, PoseWithCovarianceStamped) and topic == "/pose":
-            T_world_base = self.taught.to_world(pose_to_se3(message.pose.pose))
-            off = T_world_base.translation - self.truth.pop(stamp_ns(message)).translation
-            self.errors.append(float(np.linalg.norm(off)))
 
     def move(self) -> None:
         """Let the car obey for a step."""
@@ -184,16 +161,18 @@ def run(options: argparse.Namespace) -> Report:
     report, is_quick = Report("missions", notes=[__doc__ or ""]), options.size == "quick"
     drive_in(Town(options.folder, options.seed), "missions", QUICK if is_quick else FULL, report)
     if not is_quick:
-        city = City(options.folder / "city", options.seed, options.threads)
-        town = CameraTown(options.folder, city, options.seed)
+        town = CameraTown(options.folder, options.seed, options.threads)
         drive_in(town, "missions by a camera", BY_CAMERA, report)
         report.notes.append(town.told)
     return report
 
 
 def drive_in(town: Town, what: str, count: int, report: Report) -> None:
-    """Drive so many missions; add the bounds."""
-    driven = list(drive_all(town, count))
+    """Drive so many missions, each is told at once, since all of them take hours by a camera; add the bounds."""
+    driven = list[Driven]()
+    for _ in range(count):
+        driven.append(town.drive())
+        print(" | ".join(cells(driven[-1])), file=sys.stderr, flush=True)
     title = f"{what} over {town.length:.0f} m, {len(town.network.edges)} edges"
     report.tables.append(Table(title, COLUMNS, [cells(one) for one in driven]))
     of, arrived = Headline("drives and missions", f"{count} {what} in a city"), sum(one.is_arrived for one in driven)
@@ -203,15 +182,6 @@ def drive_in(town: Town, what: str, count: int, report: Report) -> None:
         Bound(f"{what}: lateral RMSE", 0.03, rmse([e for one in driven for e in one.lateral]), "m"),
         Bound(f"{what}: stops at joints", 0, sum(one.stops for one in driven), ""),
     ]
-
-
-def drive_all(town: Town, count: int) -> Iterator[Driven]:
-    """Yield what becomes of each mission; say it at once, since all of them take hours by a camera."""
-    print(" | ".join(COLUMNS), file=sys.stderr, flush=True)
-    for _ in range(count):
-        driven = town.drive()
-        print(" | ".join(cells(driven)), file=sys.stderr, flush=True)
-        yield driven
 
 
 def cells(driven: Driven) -> tuple[str, ...]:

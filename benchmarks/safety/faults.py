@@ -138,7 +138,7 @@ def _laps(course: Course, count: int) -> Bound:
         lost = np.random.default_rng(seed)
         drive.images = lambda messages, lost=lost: messages if lost.random() >= 0.1 else []
         drive.gauge, began = Gauge([]), drive.now
-        while drive.along < course.length - 4.0 and drive.now - began < 60 * SECOND:
+        while drive.place[0] < course.length - 4.0 and drive.now - began < 60 * SECOND:
             drive.run(0.5)
             drive.start()
         num_stops, way = num_stops + drive.gauge.num_stops, way + drive.gauge.way
