@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -46,8 +46,8 @@ class Course:
     def __init__(self, folder: Path, seed: int = 1) -> None:
         self.simulator = Simulator(build(SimParams, STREET | {"seed": seed}))
         self.path = self.simulator.path
-        camera, sphere = (self.simulator.mounts[name] for name in ("camera", "sphere"))
-        self.camera, self.T_base_camera = camera.camera, camera.T_base_camera
+        mount, sphere = self.simulator.mounts["camera"], cast("Any", self.simulator.mounts["sphere"])
+        self.camera, self.T_base_camera = mount.camera, mount.T_base_camera
         self.length = self.path.length - BEFORE
         along = np.arange(-BEFORE, self.length, SPACING)
         poses = [SE3.from_planar(*self.pose(float(one))) @ sphere.T_base_camera for one in along]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, lru_cache
 from pathlib import Path
 
 import cv2
@@ -17,7 +16,7 @@ from sphere_nav_tools.offline.importing.recording import read_meters, read_pose
 
 CAMERA = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)  # of colour
 DEPTH_CAMERA = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
-T_COLOUR_DEPTH = SE3.from_parts(np.eye(3), [-0.025, 0.0, 0.0])
+COLOUR_DEPTH = DepthRegistration(DEPTH_CAMERA, CAMERA, SE3.from_parts(np.eye(3), [-0.025, 0.0, 0.0]))
 COLMAP_POSES = "_colmap_poses"  # folder beside a recording that has its name and this
 
 
@@ -52,19 +51,10 @@ class Recording:
 
     def frame(self, path: Path) -> Frame:
         """Return a frame, its depth as the colour camera sees it."""
-        return _read(path, self.folder)
-
-
-@lru_cache(maxsize=32)
-def _read(path: Path, folder: Path) -> Frame:
-    stem = path.name.removesuffix(".pose.txt")
-    color = next((p for kind in ("jpg", "png") if (p := folder / f"{stem}.color.{kind}").exists()), None)
-    if color is None:
-        raise ValueError(f"{folder / stem}: expected .color.jpg or .color.png, found neither")
-    gray, depth_m = read_image_file(color, cv2.IMREAD_GRAYSCALE), read_meters(folder / f"{stem}.depth.png", 1000.0)
-    return Frame(stem, gray.astype(np.uint8), _register()(depth_m), read_pose(path))
-
-
-@cache
-def _register() -> DepthRegistration:
-    return DepthRegistration(DEPTH_CAMERA, CAMERA, T_COLOUR_DEPTH)
+        stem = path.name.removesuffix(".pose.txt")
+        color = next((p for kind in ("jpg", "png") if (p := self.folder / f"{stem}.color.{kind}").exists()), None)
+        if color is None:
+            raise ValueError(f"{self.folder / stem}: expected .color.jpg or .color.png, found neither")
+        gray = read_image_file(color, cv2.IMREAD_GRAYSCALE).astype(np.uint8)
+        depth_m = COLOUR_DEPTH(read_meters(self.folder / f"{stem}.depth.png", 1000.0))
+        return Frame(stem, gray, depth_m, read_pose(path))

@@ -25,11 +25,6 @@ def make_room(
     return kind(half_sides_m, (COARSEST, finest, NUM_WAVES), gain=30.0, seed=seed)
 
 
-def render(camera: Camera, T_room_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the grey image and the range in m (H, W) that a camera sees of the room of a seed."""
-    return look(make_room(seed), camera, T_room_camera)
-
-
 def look(place: Any, camera: Camera, T_room_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the grey image and the range in m (H, W) that a camera sees of a room."""
     gray, range_m = place.render(camera, T_room_camera)

@@ -182,13 +182,14 @@ class Interrogation:
     def _one(self) -> None:
         self.outcome.num_lies += 1
         if not self._topics or self._rng.random() < SHARE_OF_REQUESTS:
-            _, client = self._pick(self._clients)
+            client = self._clients[self._rng.choice(sorted(self._clients))]
             if client.srv_type is not ChangeState or self._rng.random() < SHARE_OF_CHANGES:
                 answer = client.call_async(self._liar.message(client.srv_type.Request))
                 answer.add_done_callback(lambda done: None)
                 client.remove_pending_request(answer)
             return
-        topic, publisher = self._pick(self._topics)
+        topic = str(self._rng.choice(sorted(self._topics)))
+        publisher = self._topics[topic]
         sends = {f"/{name.lstrip('/')}": message for name, message in self._case.sends().items()}
         message = self._liar.message(publisher.msg_type)
         if topic in sends and self._rng.random() < 0.5:
@@ -197,10 +198,6 @@ class Interrogation:
             publisher.publish(self._liar.raw(message) if self._rng.random() < SHARE_OF_BYTES else message)
         except (RCLError, SystemError, OverflowError, AssertionError, TypeError, ValueError):  # too wrong to be sent
             publisher.publish(self._liar.message(publisher.msg_type))
-
-    def _pick(self, found: dict[str, Any]) -> tuple[str, Any]:
-        name = str(self._rng.choice(sorted(found)))
-        return name, found[name]
 
     def _examine(self) -> None:
         """Ask the node; note its death, or its silence."""
@@ -219,17 +216,13 @@ class Interrogation:
             self._end()  # shut down as it was asked to, or without a file that it needs: it starts anew
 
     def _is_told(self, state: int) -> bool:
-        """Whether the health of the node was told lately; that of its loop, too, where it is configured."""
+        """Whether the health of the node was told lately, or comes; that of its loop, too, where it is configured."""
         assert self._victim is not None
         has_loop = self._victim.has_loop and state in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
         names = ["callbacks", "callbacks of the loop"] if has_loop else ["callbacks"]
-        return self._await_health(names, time.monotonic() - HEALTH, ANSWER)
-
-    def _await_health(self, names: Sequence[str], since: float, patience: float) -> bool:
-        """Whether diagnostics with these entries come that are not older than a time."""
-        end = time.monotonic() + patience
+        since = time.monotonic() - HEALTH
         while any(self._told.get(name, 0.0) < since for name in names):
-            if self._victim is None or self._victim.death or time.monotonic() > end:
+            if self._victim.death or time.monotonic() > since + HEALTH + ANSWER:
                 return False
             self._executor.spin_once(timeout_sec=0.2)
         return True

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import signal
 import socket
-import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -18,7 +16,7 @@ from pathlib import Path
 from benchmarks.commands import COMMAND
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav_tools.cli.constants import GUESS_S
-from sphere_nav_tools.cli.processes import python_command
+from sphere_nav_tools.cli.processes import Processes
 
 TOKEN, FOREIGN = "token_of_the_yard", ("http://evil.example", "http://127.0.0.1:1", "http://localhost:8081", "null")
 HOSTS = ("evil.example", "127.0.0.1.evil.example", "10.0.0.1", "0.0.0.0")
@@ -42,12 +40,11 @@ class Victim:
     """The command in a process of its own."""
 
     def __init__(self, folder: Path) -> None:
-        words = ["operate", "--folder", str(folder), "--token", TOKEN, "--port", "8461"]
-        self.process = subprocess.Popen(python_command(COMMAND, *words), stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        found = re.search(r":(\d+)/", self.process.stdout.readline())
-        if found is None:
-            raise RuntimeError("operate: expected a link, found none")
+        self.nodes = Processes(folder)
+        self.nodes.run("operate", COMMAND, "operate", "--folder", str(folder), "--token", TOKEN, "--port", "8461")
+        while not (found := re.search(r":(\d+)/", (folder / "operate.log").read_text(encoding="utf-8"))):
+            self.nodes.check()
+            time.sleep(0.1)
         self.port = int(found[1])
 
     def ask(self, path: str = f"/{TOKEN}", host: str = "", *lines: str) -> str:
@@ -71,15 +68,10 @@ class Victim:
 
     def memory_mb(self, which: str) -> float:
         """Return what it takes now (VmRSS), or took at most since it was last asked for now (VmHWM)."""
-        folder = Path(f"/proc/{self.process.pid}")
+        folder = Path(f"/proc/{self.nodes.running['operate'].pid}")
         if which == "VmRSS":
             (folder / "clear_refs").write_text("5", encoding="ascii")
         return int((folder / "status").read_text(encoding="ascii").split(f"{which}:")[1].split()[0]) / 1024
-
-    def close(self) -> None:
-        """End it."""
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(20.0)
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -93,7 +85,7 @@ def run(options: argparse.Namespace) -> Report:
         time.sleep(2.0 * GUESS_S)  # who guessed waits, the operator at the same address with him
         is_served = victim.ask() in IN
     finally:
-        victim.close()
+        victim.nodes.end()
     report.tables.append(Table("Strangers", ("what", "asked", "let in", "answers", "MB", "s"), rows))
     report.bounds += [
         Bound("strangers let in", 0, sum(int(row[2]) for row in rows), "", headline=Headline("robustness", "page")),

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.abuse.nodes import pictures, rig_in
@@ -83,10 +82,7 @@ class Feeder(Base):
         """Say once what the sensors see."""
         super().speak()
         stamp = time.time_ns()
-        ranges = (15.0 + 0.01 * np.sin(np.arange(360) + self.num_turns)).tolist()
-        scan = LaserScan(ranges=ranges, angle_min=-np.pi, angle_max=np.pi, angle_increment=2 * np.pi / 360)
-        scan.range_min, scan.range_max, scan.header = 0.1, 30.0, conversions.header(stamp, "laser")
-        self.scans.publish(scan)
+        self.scan(15.0 + 0.01 * np.sin(np.arange(360) + self.num_turns), 2 * np.pi / 360)
         self._see(EYES, stamp)
         moved = SE3.from_planar(along(self.num_turns), 0.0, 0.0)
         odometry = conversions.se3_to_odometry(moved, 1e-4 * np.eye(6), stamp, ("odom", "base_link"), np.zeros(6))

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CompressedImage
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.room import HALF_SIDES_M, render
+from benchmarks.room import HALF_SIDES_M, look, make_room
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
 from sphere_nav.ros import conversions
@@ -30,7 +30,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.rig import vertical_rig
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-PANORAMA = Spherical(256, 128)
+PANORAMA, ROOM = Spherical(256, 128), make_room(0)
 SECOND, PERIOD, HOUR = 10**9, 10**8, 3600 * 10**9
 EPOCH = 1_700_000_000 * SECOND
 HEIGHT = 1.2  # m of the camera above the floor, on which base_link moves
@@ -122,7 +122,7 @@ def base_pose(number: int) -> SE3:
 @lru_cache(maxsize=256)
 def see(camera: Camera, number: int, T_base_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return grey levels and range (H, W) in m."""
-    return render(camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
+    return look(ROOM, camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
 
 
 def write_room(path: Path) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -82,33 +82,19 @@ class Drive:
         return np.array([place[0], place[1], float(T_map_base.yaw)])
 
 
-@dataclass(frozen=True)
-class Studio:
-    """A town of a seed in which drives are recorded."""
-
-    seed: int
-
-    def record(self, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
-        """Return a drive along planar poses (K, 3) of the base; `seed` decides every noise."""
-        rng = np.random.default_rng([self.seed, seed, 71])
-        T_map_base = self._on_ground(line)
-        images = self._images(T_map_base, light, seed)
-        return Drive(images, T_map_base, noisy_odometry(line, rng), _tilts(T_map_base, rng))
-
-    def _on_ground(self, line: Array) -> SE3:
-        ground = _built(self.seed).ground
-        return SE3.from_matrix(np.stack([on_ground(ground, pose).matrix for pose in line]))
-
-    def _images(self, T_map_base: SE3, light: LightParams, seed: int) -> NDArray[np.uint8]:
-        renderer, traffic = _renderer(self.seed, light)
-        images = []
-        for index in range(len(T_map_base.matrix)):
-            T_map_camera = T_map_base[index] @ T_BASE_CAMERA
-            stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
-            renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
-            images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
-        return np.stack(images)
+def record(town: int, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
+    """Return a drive through a town along planar poses (K, 3) of the base; `seed` decides every noise."""
+    rng, images, poses = np.random.default_rng([town, seed, 71]), [], []
+    renderer, traffic = _renderer(town, light)
+    for index, pose in enumerate(line):
+        poses.append(on_ground(_built(town).ground, pose))
+        T_map_camera = poses[-1] @ T_BASE_CAMERA
+        stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
+        renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
+        levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
+        images.append(expose(levels, READ_NOISE, SHOT_NOISE, (town, seed, index)))
+    T_map_base = SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
+    return Drive(np.stack(images), T_map_base, noisy_odometry(line, rng), _tilts(T_map_base, rng))
 
 
 @lru_cache(maxsize=2)
@@ -172,11 +158,11 @@ def kidnapped_line(plan: Plan, count: int, step: float, rng: np.random.Generator
             return poses
 
 
-def kidnapped(studio: Studio, plan: Plan, count: int, num_images: int, lights: Sequence[LightParams]) -> list[Drive]:
-    """Return drives from anywhere, each with one of the lights; images are a metre apart."""
-    lines = [kidnapped_line(plan, num_images, 1.0, np.random.default_rng([studio.seed, n, 83])) for n in range(count)]
-    order = sorted(range(count), key=lambda number: number % len(lights))  # shadows are cast once for each light
-    made = {n: studio.record(lines[n], n, lights[n % len(lights)]) for n in order}
+def kidnapped(town: int, count: int, num_images: int) -> list[Drive]:
+    """Return drives from anywhere in a town, each with one of the lights; images are a metre apart."""
+    plan, order = draw_plan(town), sorted(range(count), key=lambda n: n % len(LIGHTS))  # shadows are cast once
+    lines = [kidnapped_line(plan, num_images, 1.0, np.random.default_rng([town, n, 83])) for n in range(count)]
+    made = {n: record(town, lines[n], n, LIGHTS[n % len(LIGHTS)]) for n in order}
     return [made[number] for number in range(count)]
 
 

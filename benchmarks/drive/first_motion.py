@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, pairwise
 
 import cv2
@@ -41,45 +41,27 @@ APART_M = 40.0  # along a bend of 22 m radius: by then it has turned by 104 degr
 WRONG_SHARE = 0.1  # of the motion, or of a metre: an accepted pair of a street that is farther off is a false one
 
 
-@dataclass(frozen=True, eq=False)
-class Street:
-    """The spheres of a drive through a bend, range by the pair alone, and where they truly were, body axes."""
-
-    spheres: list[Sphere]
-    poses: list[SE3]
-
-    @staticmethod
-    def render(seed: int, side: int, number: int) -> Street:
-        """Return the drive of so many images through the bend of a seed, to the left (1) or to the right (-1)."""
-        radians = np.radians(side * TURN_DEG) / STEP_M
-        path = Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
-        rng, poses = np.random.default_rng([seed, 2]), list[SE3]()
-        for index in range(number):
-            x, y, yaw, _ = path.at(BEGIN_M + index * STEP_M).tolist()
-            shake = SE3.exp([0.0, 0.0, 0.0, *rng.normal(0.0, SHAKE_RAD, 2), 0.0])
-            poses.append(SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]) @ shake)
-        return Street(list(_look(seed, path, poses)), poses)
+Street = tuple[list[Sphere], list[SE3]]  # spheres of a drive through a bend, and where they truly were, body axes
 
 
-def _look(seed: int, path: Path, poses: list[SE3]) -> Iterator[Sphere]:
+def drive_bend(seed: int, side: int, number: int) -> Street:
+    """Return what so many images through the bend of a seed give, to the left (1) or right (-1), by the pair alone."""
+    radians = np.radians(side * TURN_DEG) / STEP_M
+    path = Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
     renderer = Renderer(build_road(seed, path, BOUNDS), RenderParams(), LightParams(), num_threads=1)
-    rng, T_left_right = np.random.default_rng([seed, 3]), SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
-    for number, T_world_body in enumerate(poses, start=1):
-        T_world_left, pair = T_world_body @ T_BODY_OPTICAL, []
+    T_left_right = SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
+    (rng, noise), poses, spheres = (np.random.default_rng([seed, n]) for n in (2, 3)), list[SE3](), list[Sphere]()
+    for index in range(number):
+        x, y, yaw, _ = path.at(BEGIN_M + index * STEP_M).tolist()
+        shake = SE3.exp([0.0, 0.0, 0.0, *rng.normal(0.0, SHAKE_RAD, 2), 0.0])
+        poses.append(SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]) @ shake)
+        T_world_left, pair = poses[-1] @ T_BODY_OPTICAL, []
         for T_world_camera in (T_world_left, T_world_left @ T_left_right):
-            levels, _ = renderer.render(CAMERA, T_world_camera, is_gray=True)
-            pair.append(np.clip(np.rint(levels + rng.normal(0.0, NOISE, levels.shape)), 0, 255).astype(np.uint8))
-        left, right = pair
-        yield sphere_from_stereo(left, right, CAMERA, BASELINE_M, T_BODY_OPTICAL, number * PERIOD_NS)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What the mapper made of a drive: share placed and error at the end over the way, both in %; spheres lost."""
-
-    placed: float
-    drift: float
-    num_lost: int
+            gray = renderer.render(CAMERA, T_world_camera, is_gray=True)[0]
+            pair.append(np.clip(np.rint(gray + noise.normal(0.0, NOISE, gray.shape)), 0, 255).astype(np.uint8))
+        stamp, (left, right) = (index + 1) * PERIOD_NS, pair
+        spheres.append(sphere_from_stereo(left, right, CAMERA, BASELINE_M, T_BODY_OPTICAL, stamp))
+    return spheres, poses
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -89,7 +71,7 @@ def run(options: argparse.Namespace) -> Report:
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        streets = [Street.render(options.seed + index, (-1) ** index, num_images) for index in range(count)]
+        streets = [drive_bend(options.seed + index, (-1) ** index, num_images) for index in range(count)]
         measure_bends(streets, report, num_variants)
         measure_pairs(streets, options.seed, report, num_pairs)
     finally:
@@ -97,8 +79,8 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def map_drive(spheres: Sequence[Sphere], poses: Sequence[SE3]) -> Drive:
-    """Map spheres."""
+def map_drive(spheres: Sequence[Sphere], poses: Sequence[SE3]) -> tuple[float, float, int]:
+    """Map spheres; return the share placed and the error at the end over the way, both in %, and how many are lost."""
     mapper = Mapper()
     found = [mapper.add(sphere).T_map_sphere for sphere in spheres]
     last = max(index for index, pose in enumerate(found) if pose is not None)
@@ -106,12 +88,12 @@ def map_drive(spheres: Sequence[Sphere], poses: Sequence[SE3]) -> Drive:
     end, placed = found[last], sum(pose is not None for pose in found)
     assert end is not None
     off = float((poses[0].inverse() @ poses[last]).distance(end)[0])
-    return Drive(100.0 * placed / len(found), 100.0 * off / way if last else np.nan, len(found) - placed)
+    return 100.0 * placed / len(found), 100.0 * off / way if last else np.nan, len(found) - placed
 
 
 def variants(street: Street) -> Iterator[tuple[str, list[Sphere], list[SE3]]]:
     """Yield what is driven: as it is, twice as fast, and with a gap in the middle."""
-    spheres, poses, middle = street.spheres, street.poses, len(street.spheres) // 2
+    (spheres, poses), middle = street, len(street[0]) // 2
     yield f"{STEP_M:g} m, {TURN_DEG:g} deg an image", spheres, poses
     half = [replace(sphere, stamp_ns=(number + 1) * PERIOD_NS) for number, sphere in enumerate(spheres[::2])]
     yield f"{2 * STEP_M:g} m, {2 * TURN_DEG:g} deg an image", half, poses[::2]
@@ -121,30 +103,30 @@ def variants(street: Street) -> Iterator[tuple[str, list[Sphere], list[SE3]]]:
 
 def measure_bends(streets: Sequence[Street], report: Report, num_variants: int) -> None:
     """Map every street in so many ways."""
-    rows, found = list[tuple[str, ...]](), dict[str, list[Drive]]()
+    rows, found = list[tuple[str, ...]](), dict[str, list[tuple[float, float, int]]]()
     for number, street in enumerate(streets):
         for what, spheres, poses in islice(variants(street), num_variants):
-            drive = map_drive(spheres, poses)
-            found.setdefault(what, []).append(drive)
-            rows.append((str(number), what, f"{drive.placed:.0f}", f"{drive.drift:.2f}"))
+            placed, drift, num_lost = map_drive(spheres, poses)
+            found.setdefault(what, []).append((placed, drift, num_lost))
+            rows.append((str(number), what, f"{placed:.0f}", f"{drift:.2f}"))
     columns = ("street", "drive", "placed %", "drift %")
     report.tables.append(Table("A stereo pair in a bend, images alone", columns, rows))
     told: Headline | None = Headline("map", f"stereo pair in {len(streets)} streets that bend, images alone")
     for what, drives in found.items():
         if what == DISTURBED:
-            lost = max(drive.num_lost for drive in drives)
+            lost = max(num_lost for _, _, num_lost in drives)
             report.bounds.append(Bound(f"bend, {what}: images lost, worst street", MAX_LOST, lost, ""))
         else:
-            placed = min(drive.placed for drive in drives)
-            report.bounds.append(Bound(f"bend, {what}: images placed, worst street", MIN_PLACED, placed, "%", True))
-        worst, told_of = max(drive.drift for drive in drives), f"bend, {what}: error at the end over the way"
+            least = min(placed for placed, _, _ in drives)
+            report.bounds.append(Bound(f"bend, {what}: images placed, worst street", MIN_PLACED, least, "%", True))
+        worst, told_of = max(drift for _, drift, _ in drives), f"bend, {what}: error at the end over the way"
         report.bounds.append(Bound(f"{told_of}, worst street", MAX_DRIFT, worst, "%", headline=told))
         told = None
 
 
 def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: int) -> None:
     """Count first motions that are proven between images that share nothing, and wrong ones among those that do."""
-    prepared = [[PreparedSphere(sphere, REGISTRATION) for sphere in street.spheres] for street in streets]
+    prepared = [[PreparedSphere(sphere, REGISTRATION) for sphere in spheres] for spheres, _ in streets]
     rng = np.random.default_rng(seed)
     strangers = [
         (one, other)
@@ -157,12 +139,12 @@ def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: 
     chosen = [strangers[index] for index in rng.permutation(len(strangers))[: number**2].tolist()]
     false = sum(find_motion(one, other, REGISTRATION) is not None for one, other in chosen)
     pairs, num_proven, num_wrong = number * len(streets), 0, 0
-    for street, spheres in zip(streets, prepared, strict=True):
+    for (_, poses), spheres in zip(streets, prepared, strict=True):
         for _ in range(number):
             i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
             proven = find_motion(spheres[i], spheres[i + step], REGISTRATION)
             if proven is not None:
-                truth = street.poses[i].inverse() @ street.poses[i + step]
+                truth = poses[i].inverse() @ poses[i + step]
                 num_proven += 1
                 num_wrong += float(truth.distance(proven.T_a_b)[0]) > WRONG_SHARE * max(1.0, step * STEP_M)
     of = Headline("robustness", f"{len(chosen) + pairs} pairs of streets that bend")

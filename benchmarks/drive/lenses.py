@@ -57,17 +57,9 @@ def run(options: argparse.Namespace) -> Report:
     """Teach, map, drive, judge."""
     way, is_quick = Way(options.seed, LENGTHS_M[options.size]), options.size == "quick"
     rows = [row for row in ROWS if not (is_quick and row.name in QUICK)]
-    found = measure(way, rows, options.folder)
-    table = Table(f"{way.length_m:g} m of a street", COLUMNS, [cells(*one) for one in zip(rows, found, strict=True)])
-    bounds = [bound for one in zip(rows, found, strict=True) for bound in judge(*one, table.title)]
-    return Report("lenses", [table], bounds, [__doc__ or ""])
-
-
-def measure(way: Way, rows: list[Row], folder: Path) -> list[Found]:
-    """Return how each drive was localised."""
-    taught, found = way.teach(folder), list[Found]()
+    taught, found = way.teach(options.folder), list[Found]()
     for number, row in enumerate(rows):
-        bag, words = folder / row.name.split(",")[0], list[object]()
+        bag, words = options.folder / row.name.split(",")[0], list[object]()
         if not bag.exists():
             way.record(bag, row.parameters, by_rig=False)
             if row.longer:
@@ -75,9 +67,12 @@ def measure(way: Way, rows: list[Row], folder: Path) -> list[Found]:
         if row.is_given:
             T_map = taught.T_map[0] @ taught.T_world[0].inverse() @ read_truth(bag).T_map_body[0]
             words = ["--initial-pose", ",".join(f"{x:.6f}" for x in (*T_map.translation, *T_map.quaternion))]
-        found.append(localise(folder / "map", bag, folder / f"found_{number}", taught, *words))
+        said = options.folder / f"found_{number}"
+        found.append(localise(options.folder / "map", bag, said, taught, *words))
         print(" | ".join(cells(row, found[-1])), file=sys.stderr, flush=True)
-    return found
+    table = Table(f"{way.length_m:g} m of a street", COLUMNS, [cells(*one) for one in zip(rows, found, strict=True)])
+    bounds = [bound for one in zip(rows, found, strict=True) for bound in judge(*one, table.title)]
+    return Report("lenses", [table], bounds, [__doc__ or ""])
 
 
 def tell_lens(bag: Path, longer: float) -> Path:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -149,14 +149,7 @@ class Placed:
         return f"{self.placed} of {self.num_images}, {self.num_wrong} wrong, {self.median_mm:.1f} mm"
 
 
-class Result(NamedTuple):
-    """One light: localised in the map alone, after its extension, in its own map; the first light before and after."""
-
-    alone: Placed
-    after: Placed
-    own: Placed
-    day: Placed
-    day_after: Placed
+Result = tuple[Placed, Placed, Placed, Placed, Placed]  # alone, after, in its own map; first light before and after
 
 
 class Room:
@@ -176,10 +169,10 @@ class Room:
         try:
             said = self.map(joined, f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
         except ValueError:
-            return Result(alone, Placed(own.num_images, 0, 0, np.nan), own, day, day), "refused"
+            return (alone, Placed(own.num_images, 0, 0, np.nan), own, day, day), "refused"
         after, first = (self.localize(f"map_{name}", one) for one in (driven, "day_2"))
         told = next((line for line in said.splitlines() if line.startswith("joined")), "")
-        return Result(alone, after, own, day, first), told
+        return (alone, after, own, day, first), told
 
     def map(self, drive: str, name: str, *words: Any) -> str:
         """Make a map; return what was said."""
@@ -261,17 +254,17 @@ def run(options: argparse.Namespace) -> Report:
 
 def judge(what: str, found: list[Result]) -> list[Bound]:
     """Return the bounds over all lights of a place."""
-    first = [100.0 * one.alone.placed / one.own.placed for one in found]
-    after = [100.0 * one.after.placed / one.own.placed for one in found]
-    worse = max(one.after.median_mm / one.own.median_mm for one in found)
-    wrong = sum(part.num_wrong for one in found for part in (one.alone, one.after, one.day_after))
-    lost = sum(max(0, one.day.placed - one.day_after.placed) for one in found)
-    blur = max(one.day_after.median_mm / one.day.median_mm for one in found)
+    first = [100.0 * alone.placed / own.placed for alone, _, own, _, _ in found]
+    extended = [100.0 * after.placed / own.placed for _, after, own, _, _ in found]
+    worse = max(after.median_mm / own.median_mm for _, after, own, _, _ in found)
+    wrong = sum(alone.num_wrong + after.num_wrong + day_after.num_wrong for alone, after, _, _, day_after in found)
+    lost = sum(max(0, day.placed - day_after.placed) for *_, day, day_after in found)
+    blur = max(day_after.median_mm / day.median_mm for *_, day, day_after in found)
     of = Headline("other light", f"{what} in {len(found)} lights", "a map of that light alone: 100 %")
     return [
         Bound(f"{what}: placed on the first visit, {OF_OWN}", 90.0, float(np.mean(first)), "%", True, of),
-        Bound(f"{what}: placed after one extension, all lights", 99.0, float(np.mean(after)), "%", True, of),
-        Bound(f"{what}: placed after one extension, worst light", 99.0, min(after), "%", True, of),
+        Bound(f"{what}: placed after one extension, all lights", 99.0, float(np.mean(extended)), "%", True, of),
+        Bound(f"{what}: placed after one extension, worst light", 99.0, min(extended), "%", True, of),
         Bound(f"{what}: wrong, all drives", 0, wrong, ""),
         Bound(f"{what}: median error after it over that in the own map, worst", MAX_WORSE, worse, ""),
         Bound(f"{what}: images of the first light lost by it", 0, lost, ""),

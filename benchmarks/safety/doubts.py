@@ -11,7 +11,6 @@ import argparse
 import math
 
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
@@ -110,7 +109,7 @@ def run(options: argparse.Namespace) -> Report:
     settings = [(hertz, has_odometry) for hertz in (10, 5) for has_odometry in (False, True)]
     for hertz, has_odometry in settings:
         drives = [Drive(seed, SECOND // hertz, has_odometry=has_odometry) for seed in seeds]
-        for drive in tqdm(drives, unit="drive", disable=None):
+        for drive in drives:
             drive.run(2.0 * LENGTH_M)
         found = [reason for drive in drives for reason in drive.stops if reason in DOUBTS]
         meters = sum(drive.way for drive in drives)

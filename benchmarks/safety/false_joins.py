@@ -73,12 +73,10 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _off_a_little(rng: np.random.Generator) -> SE3:
-    """Return how far off a start is that is given rightly."""
     return SE3.from_planar(*rng.uniform(-1.0, 1.0, 3) * [GIVEN_M, GIVEN_M, GIVEN_RAD])
 
 
 def _off_far(rng: np.random.Generator) -> SE3:
-    """Return how far off a start is that is given wrongly."""
     ahead = rng.uniform(*GIVEN_WRONG_M) * rng.choice([-1.0, 1.0])
     return SE3.from_planar(ahead, *rng.uniform(-1.0, 1.0, 2) * [GIVEN_M, GIVEN_RAD])
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import logging
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,13 +40,7 @@ class Outcome:
     def suffer(self, course: Course, seed: int) -> None:
         """Drive, let the fault begin, end it, and see whether the vehicle goes on."""
         drive = Drive(course, seed, has_odometry=self.fault.has_odometry)
-        try:
-            _drive_off(drive)
-            self._suffer(drive)
-        finally:
-            drive.bus.close()
-
-    def _suffer(self, drive: Drive) -> None:
+        _drive_off(drive)
         began, fault, follower = drive.now, self.fault, drive.follower.loop.follower
         drive.gauge = Gauge([])
         drive.images = lambda messages: fault.images(drive, messages, (drive.now - began) / SECOND)
@@ -65,6 +58,7 @@ class Outcome:
         drive.run(1.0)
         answer = "by itself" if follower.mode.is_driving else f"`start`: {drive.start() or 'drives again'}"
         self.recoveries.add(answer)
+        drive.bus.close()
 
     @property
     def row(self) -> tuple[str, ...]:
@@ -101,7 +95,10 @@ def run(options: argparse.Namespace) -> Report:
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     runs, num_laps = QUICK if options.size == "quick" else FULL
     course = Course(options.folder)
-    outcomes = list(_outcomes(course, runs))
+    outcomes = [Outcome(fault) for fault in FAULTS]
+    for outcome in tqdm(outcomes, unit="fault", disable=None):
+        for seed in range(runs):
+            outcome.suffer(course, 1000 + seed)
     bounds = [*_bounds(outcomes), _laps(course, num_laps)]
     return Report("faults", [Table("Faults", COLUMNS, [o.row for o in outcomes])], bounds)
 
@@ -119,14 +116,6 @@ def _bounds(outcomes: list[Outcome]) -> list[Bound]:
         Bound("stops in faults that should be driven through", 0, drove_on, ""),
         Bound("largest distance from the path in a fault", ASIDE, aside, "m"),
     ]
-
-
-def _outcomes(course: Course, runs: int) -> Iterator[Outcome]:
-    for fault in tqdm(FAULTS, unit="fault", disable=None):
-        outcome = Outcome(fault)
-        for seed in range(runs):
-            outcome.suffer(course, 1000 + seed)
-        yield outcome
 
 
 def _laps(course: Course, count: int) -> Bound:

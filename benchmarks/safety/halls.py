@@ -29,6 +29,7 @@ ODOMETRY_NOISE = 0.01  # of the motion
 ACCELERATION = 2.0  # m/s^2
 KIDNAPPED = SE3.exp([0.6, 0.0, -0.8, 0.0, 0.7, 0.0])
 LATE = 8  # images
+THIRD = slice(CAMERA.width // 3, 2 * (CAMERA.width // 3))  # of a view, that is seen three times
 
 Image = NDArray[np.uint8]
 Lamp = Callable[[Array], Array]
@@ -139,12 +140,6 @@ def _lit(world: World, gain: float, bias: float) -> Image:
     return np.clip(gain * nothing(world).astype(float) + bias, 1, 255).astype(np.uint8)
 
 
-def _repeated(world: World) -> Image:
-    """Return a view of one third of the image three times, as of like windows in a row."""
-    third = CAMERA.width // 3
-    return np.ascontiguousarray(np.tile(nothing(world)[:, third : 2 * third], (1, 3)))
-
-
 # Light is no fault of the pose: it may be told, and must not be wrong.
 FAULTS: dict[str, Fault] = {
     "covered": lambda world: _noisy(np.full((CAMERA.height, CAMERA.width), 20.0, np.float32), world.rng),
@@ -157,6 +152,6 @@ FAULTS: dict[str, Fault] = {
     "kidnapped": kidnapped,
     "focal length 20 % off": lambda world: world.see(world.T_map_camera, LONGER),
     "images 0.5 s late": lambda world: world.see(world.before[0]),
-    "repeated texture": _repeated,
+    "repeated texture": lambda world: np.ascontiguousarray(np.tile(nothing(world)[:, THIRD], (1, 3))),
     "wrong start": nothing,
 }

@@ -12,7 +12,7 @@ import multiprocessing
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rig import images_along, rig_in_world
-from benchmarks.room import graph_of, make_room, render
+from benchmarks.room import graph_of, look, make_room
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros import qos
@@ -58,19 +58,6 @@ class Case:
     num_uncounted: int = 0  # images of the start
 
 
-@dataclass
-class Heard:
-    """Stamps of what was sent, age in s and state of what was answered by the stamp."""
-
-    sent: list[int] = field(default_factory=list)
-    answers: dict[int, tuple[float, str]] = field(default_factory=dict)
-
-    @property
-    def ages_ms(self) -> list[float]:
-        """Ages of the answers to what was sent and counts."""
-        return [1e3 * self.answers[stamp][0] for stamp in self.sent if stamp in self.answers]
-
-
 def run(options: argparse.Namespace) -> Report:
     """Play both cases."""
     report, rows = Report("live_rigs", notes=[__doc__ or ""]), list[tuple[str, ...]]()
@@ -78,15 +65,13 @@ def run(options: argparse.Namespace) -> Report:
         folder = options.folder / make.__name__
         folder.mkdir()
         case = make(folder, options.seed, options.size == "quick")
-        heard = listen(case, folder)
-        ages = heard.ages_ms or [np.inf]
-        num_sent, num_answered = len(heard.sent), len(heard.ages_ms)
-        rows.append((case.name, str(num_sent), str(num_answered), f"{np.median(ages):.1f}", f"{max(ages):.1f}"))
+        num_sent, answers = listen(case, folder)
+        ages = [1e3 * age_s for age_s, _ in answers] or [np.inf]
+        rows.append((case.name, str(num_sent), str(len(answers)), f"{np.median(ages):.1f}", f"{max(ages):.1f}"))
         what, of = f"{case.name}, over DDS", Headline("times and memory", f"{num_sent} instants")
-        report.bounds.append(Bound(f"{what}: without an answer", 0, num_sent - num_answered, "", headline=of))
+        report.bounds.append(Bound(f"{what}: without an answer", 0, num_sent - len(answers), "", headline=of))
         if case.answer == "status":
-            states = [heard.answers[stamp][1] for stamp in heard.sent if stamp in heard.answers]
-            tracked = np.mean([state == "TRACKING" for state in states] or [False])
+            tracked = np.mean([state == "TRACKING" for _, state in answers] or [False])
             report.bounds += [
                 Bound(f"{what}: oldest answer", MAX_AGE_MS, max(ages), "ms", headline=of),
                 Bound(f"{what}: answers in TRACKING", MIN_TRACKED, float(tracked), "", True),
@@ -100,10 +85,11 @@ def run(options: argparse.Namespace) -> Report:
 def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
     """Write a map of the room and a lap of images."""
     places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-2.0, 2.1, 1.0)]
-    save_map(folder / "map", graph_of(make_room(seed), SPHERE, places))
+    room = make_room(seed)
+    save_map(folder / "map", graph_of(room, SPHERE, places))
     phases = 2 * np.pi * np.arange(LAP) / LAP
     poses = [SE3.from_planar(REACH_M * np.sin(p), 0.1 * np.sin(2 * p), TURN * np.cos(p)) for p in phases]
-    np.save(folder / "0.npy", np.stack([render(CAMERA, pose @ T_BODY_OPTICAL, seed)[0] for pose in poses]))
+    np.save(folder / "0.npy", np.stack([look(room, CAMERA, pose @ T_BODY_OPTICAL)[0] for pose in poses]))
     nodes = {"dense_localizer": {"map": f"{folder / 'map'}", "base_frame": "camera"}}
     periods = [SETTLE_S] * SETTLE + [1.0 / RATE] * round(RATE * (QUICK_SECONDS if is_quick else SECONDS))
     info = ("camera_info", CAMERA)
@@ -133,13 +119,13 @@ def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
 
 
 # --- over DDS
-def listen(case: Case, folder: Path) -> Heard:
-    """Run nodes and player, hear what they say."""
-    heard = Heard()
+def listen(case: Case, folder: Path) -> tuple[int, list[tuple[float, str]]]:
+    """Run nodes and player; return how many instants were sent that count, age in s and state of what was answered."""
+    answers: dict[int, tuple[float, str]] = {}
 
     def on_answer(message: Any) -> None:
         stamp = stamp_ns(message)
-        heard.answers.setdefault(stamp, ((time.time_ns() - stamp) / 1e9, getattr(message, "state", "")))
+        answers.setdefault(stamp, ((time.time_ns() - stamp) / 1e9, getattr(message, "state", "")))
 
     rclpy.init()
     node = rclpy.create_node("live_rigs")
@@ -157,9 +143,9 @@ def listen(case: Case, folder: Path) -> Heard:
                 nodes.start(name, values)
             sent = player.submit(play, folder, case)
             spin(2 * PATIENCE_S + sum(case.periods), sent.done)
-            heard.sent = sent.result(DRAIN_S)
-            spin(DRAIN_S, lambda: set(heard.sent) <= set(heard.answers))
-        return heard
+            stamps = sent.result(DRAIN_S)
+            spin(DRAIN_S, lambda: set(stamps) <= set(answers))
+        return len(stamps), [answers[stamp] for stamp in stamps if stamp in answers]
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.real.frame_to_frame import OURS, Figures, bounds_of
+from benchmarks.real.frame_to_frame import OURS, bounds_of
 from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry import SE3
 
@@ -29,9 +29,9 @@ def test_frames_are_those_of_the_color_camera_with_the_poses_beside_the_recordin
 
 def test_the_bound_is_the_best_peer():
     figures = {
-        OURS: Figures([1.0, 2.0, 60.0], [0.0] * 3, [2.0] * 3),
-        "A": Figures([5.0, 5.0, 1.0], [0.0] * 3, [30.0] * 3),
-        "B": Figures([1.5, 2.0, 1.0], [0.0] * 3, [40.0] * 3),
+        OURS: np.array([(1.0, 0.0, 2.0), (2.0, 0.0, 2.0), (60.0, 0.0, 2.0)]),
+        "A": np.array([(5.0, 0.0, 30.0), (5.0, 0.0, 30.0), (1.0, 0.0, 30.0)]),
+        "B": np.array([(1.5, 0.0, 40.0), (2.0, 0.0, 40.0), (1.0, 0.0, 40.0)]),
     }
     failures, error, time = bounds_of(figures, 1)
     assert (failures.measured, error.bound, error.measured) == (1, 1.5, 2.0)
