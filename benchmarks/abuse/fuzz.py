@@ -46,7 +46,7 @@ Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
 BATCH = 400  # inputs a child
 SECONDS, PATIENCE = 10, 6  # of the processor for one input; times as many by the clock, on a busy machine
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with
-STATE = struct.Struct("<qqqq")  # next input, accepted, refused, failures
+STATE = struct.Struct("<qqq")  # next input, accepted, refused
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def fuzz(targets: list[Target], folder: Path, seed: int, count: int) -> list[Out
 def _run_child(target: Target, folder: Path, seed: int, outcome: Outcome, end: int) -> None:
     """Let a child try inputs up to `end`; where it dies, the input that it died of is a failure."""
     with mmap.mmap(-1, STATE.size) as state, tempfile.TemporaryFile() as log:
-        state[:] = STATE.pack(outcome.num_inputs, 0, 0, 0)
+        state[:] = STATE.pack(outcome.num_inputs, 0, 0)
         child = os.fork()
         if child == 0:
             try:
@@ -243,7 +243,7 @@ def _run_child(target: Target, folder: Path, seed: int, outcome: Outcome, end: i
             finally:
                 os._exit(0)
         _, status = os.waitpid(child, 0)
-        number, accepted, refused, _ = STATE.unpack(state[:])
+        number, accepted, refused = STATE.unpack(state[:])
         log.seek(0)
         outcome.failures += log.read().decode("utf-8", "replace").splitlines()
     if os.WIFSIGNALED(status):
@@ -265,7 +265,7 @@ def _limit() -> None:
 
 
 def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: int, log: int) -> None:
-    first, accepted, refused, failed = STATE.unpack(state[:])
+    first, accepted, refused = STATE.unpack(state[:])
     for number in range(first, end):
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         signal.setitimer(signal.ITIMER_REAL, PATIENCE * SECONDS)
@@ -276,13 +276,11 @@ def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: 
         except (ValueError, OSError) as error:
             refused += 1
             if "\n" in str(error):
-                failed += 1
                 os.write(log, f"{target.name}, input {number}: expected one line, found {one_line(error)!r}\n".encode())
         except BaseException as error:
-            failed += 1
             place = traceback.extract_tb(error.__traceback__)[-1]
             what = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error!r:.100}"
             os.write(log, f"{target.name}, input {number}: {what}\n".encode())
-        state[:] = STATE.pack(number + 1, accepted, refused, failed)
+        state[:] = STATE.pack(number + 1, accepted, refused)
     signal.setitimer(signal.ITIMER_PROF, 0)
     signal.setitimer(signal.ITIMER_REAL, 0)

@@ -7,14 +7,16 @@ texture is inverted, or not at all from the 13th image on. The start is given, 0
 from __future__ import annotations
 
 import argparse
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.commands import TRUTH
-from benchmarks.light.relight import TITLE, Gray, Light, Room, in_kitchen, torch_light
+from benchmarks.light.relight import TITLE, Light, Room, in_kitchen, torch_light
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -31,25 +33,15 @@ class Torch(Light):
         return 0.02 + 1.6 * torch_light(points, normals)
 
 
-class Out:
-    """Day, until the light goes out."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def shine(self, gray: Gray, depth_m: Gray, T_world_camera: Any) -> Gray:
-        """Return the image as it is, or black."""
-        self.count += 1
-        return gray if self.count <= LIT else np.zeros_like(gray)
-
-
 def run(options: argparse.Namespace) -> Report:
     """Measure every darkness."""
     report, rows = Report("dark", notes=[__doc__ or ""]), list[tuple[str, ...]]()
 
     def measure(room: Room) -> None:
         day = room.base()
-        nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": Out()}
+        numbers = count(1)
+        out = SimpleNamespace(shine=lambda gray, *_: gray if next(numbers) <= LIT else np.zeros_like(gray))
+        nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": out}
         if options.size == "full":
             nights["patches"] = room.light("season", 1.0, options.seed, Torch)
         for name, light in nights.items():

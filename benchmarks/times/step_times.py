@@ -34,13 +34,13 @@ from sphere_nav.params import build
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.ros.maps.reader import save_map
-from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA, SPHERE = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5), Spherical(2048, 1024)
 NUM_PIXELS, NUM_ITERATIONS, NUM_RUNS, QUICK_RUNS = 60_000, 10, 100, 20
 START_ERROR = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])  # of an iteration: standard deviation, m and rad
 PERIOD_NS, SPEED, REACH_M, SETTLE = 1_000_000_000 // 45, 1.4, 3.0, 10  # of the drive; images of its start
+PLACES = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5)]  # of key spheres, a metre apart
 INSTANTS, QUICK_INSTANTS, SPACING_M = 9, 4, 1.2
 ANSWER = """
 import sys
@@ -112,14 +112,9 @@ def iteration_ms(image: NDArray[np.uint8], room: Any, num_runs: int) -> NDArray[
     return repeat_cpu(lambda: [problem.linearize(state) for _ in range(NUM_ITERATIONS)], num_runs) / NUM_ITERATIONS
 
 
-def map_of(room: Any, camera: Spherical) -> SphereGraph:
-    """Return key spheres a metre apart."""
-    return graph_of(room, camera, [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5)])
-
-
 def drive(room: Any, num_images: int, num_searches: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return CPU ms (N, 2) of a drive's images but for its start, by own and by all threads; of first images by all."""
-    localizer = Localizer(LocalizerParams(), MemoryMap(map_of(room, SPHERE)))
+    localizer = Localizer(LocalizerParams(), MemoryMap(graph_of(room, SPHERE, PLACES)))
     t = 1e-9 * PERIOD_NS * np.arange(num_images)
     way = np.stack([-REACH_M + SPEED * t, 0.3 * np.sin(t), 0.4 * np.sin(0.8 * t)], axis=-1)
     images = [look(room, CAMERA, SE3.from_planar(*row) @ T_BODY_OPTICAL)[0] for row in way]
@@ -162,7 +157,7 @@ def key_sphere(seed: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.
 
 def first_answer_s(room: Any, folder: Path) -> float:
     """Return the wall time in s of a process that opens a map and answers one image, its kernels compiled."""
-    save_map(folder / "map", map_of(room, Spherical(1024, 512)))
+    save_map(folder / "map", graph_of(room, Spherical(1024, 512), PLACES))
     np.save(folder / "image.npy", look(room, CAMERA, SE3.from_planar(0.4, 0.1, 0.3) @ T_BODY_OPTICAL)[0])
     lens = (CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
     words = [sys.executable, "-P", "-c", ANSWER, str(folder / "map"), str(folder / "image.npy"), *map(str, lens)]
