@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -268,7 +268,7 @@ def interrogate(cases: Sequence[tuple[Case, bool]], count: int, seed: int) -> li
     outcomes = []
     try:
         for number, (case, uses_sim_time) in enumerate(cases):
-            with tempfile.TemporaryDirectory() as folder:
+            with tempfile.TemporaryDirectory() as folder, chdir(folder):  # for files of lied names
                 rng = np.random.default_rng([seed, number])
                 interrogation = Interrogation(case, Path(folder), rng, uses_sim_time=uses_sim_time)
                 outcomes.append(interrogation.lie(-(-count // len(cases))))

@@ -63,10 +63,8 @@ class Drive:
         """Yield what the filter takes for each image, and the true place."""
         for index, image in enumerate(self.images):
             T_odom_level = SE3.from_planar(*map(float, self.odometry[index])) @ T_BASE_CAMERA
-            yield (
-                Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], T_odom_level),
-                self.truth(index),
-            )
+            observation = Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], T_odom_level)
+            yield observation, self.truth(index)
 
     @property
     def mirrored(self) -> Drive:

@@ -43,9 +43,8 @@ def run(options: argparse.Namespace) -> Report:
         paths.append(read_tum(path))
     moved, turned = zip(*(compare(path, paths[0]) for path in paths), strict=True)
     rows = [(name, f"{mm:.1f} mm", f"{deg:.2f} deg") for name, mm, deg in zip(names, moved, turned, strict=True)]
-    report.tables.append(
-        Table(f"Taught in the town, {way_m:g} m", ("camera", "taught path off the first", "turned"), rows)
-    )
+    columns = ("camera", "taught path off the first", "turned")
+    report.tables.append(Table(f"Taught in the town, {way_m:g} m", columns, rows))
     of = Headline("drives and missions", f"{len(names)} mountings, {way_m:g} m of a town")
     report.bounds += [
         Bound("mountings: taught paths apart, largest", SAME_MM, max(moved), "mm", headline=of),
