@@ -21,7 +21,7 @@ def test_every_name_is_of_one_group_and_told():
     found = [name for group in main.GROUPS for name in main.names(group)]
     assert len(found) == len(set(found)) > 20
     assert all(told for group in main.GROUPS for told in main.names(group).values())
-    told = {path.stem for path in main.FOLDER.glob("*/*.py") if "\nHELP =" in path.read_text(encoding="utf-8")}
+    told = {path.stem for path in main.FOLDER.glob("*/*.py") if "\ndef run(" in path.read_text(encoding="utf-8")}
     assert told == set(found)
 
 

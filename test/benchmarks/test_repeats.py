@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.drive.mission_cameras import Taught
+from benchmarks.drive.missions import Taught
 from benchmarks.drive.repeats import Drive, Found, deviations, judge
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
