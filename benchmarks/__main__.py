@@ -1,7 +1,7 @@
 """`python -m benchmarks GROUP [NAME ...]`: measure; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused.
 
-A benchmark is a module `GROUP/NAME.py` with a line `HELP = "..."` and `run(options) -> Report`; `add_arguments(parser)`
-where it has options of its own. It is imported only to run: what `--help` tells of it is read from its text.
+A benchmark is a module `GROUP/NAME.py` with `run(options) -> Report`. It is imported only to run: what `--help` tells
+of it is read from its text, the first line.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
 import random
 import re
 import subprocess
 import sys
+import tempfile
 import time
 import traceback
 from functools import cache
@@ -34,8 +36,9 @@ GROUPS = {
     "times": "times, memory, rates",
     "abuse": "wrong files and messages, long runs",
 }
+ROS = {"ROS_DOMAIN_ID": "48", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 PLACES = {"--seed", "--json", "--threads"}  # options, and their values, that do not stand on a page
-NAMES = r'^HELP = "(.*)"$'
+IS_BENCHMARK, FIRST_LINE = "\ndef run(", r'"""(.*?)("""|\n)'
 
 
 @cache
@@ -43,7 +46,7 @@ def names(group: str) -> dict[str, str]:
     """Return what each benchmark of a group is said to measure, by name, without importing it."""
     paths = sorted((FOLDER / group).glob("*.py"))
     texts = {path.stem: path.read_text(encoding="utf-8") for path in paths}
-    found = {name: re.search(NAMES, text, re.MULTILINE) for name, text in texts.items()}
+    found = {name: re.match(FIRST_LINE, text) for name, text in texts.items() if IS_BENCHMARK in text}
     return {name: told[1] for name, told in found.items() if told}
 
 
@@ -56,9 +59,6 @@ def main(words: list[str]) -> int:
         return _tell_groups(is_wrong=group not in ("", "-h", "--help"))
     places = {name: one for one in GROUPS if group in ("all", one) for name in names(one)}
     parser = _parser(group, places)
-    for name in places:
-        if name in words[1:] and hasattr(_module(places[name], name), "add_arguments"):
-            _module(places[name], name).add_arguments(parser)
     options = parser.parse_args(words[1:])
     if unknown := [name for name in options.names if name not in places]:
         parser.error(f"NAME: expected one of {', '.join(places)}, found {unknown[0]}")
@@ -97,7 +97,6 @@ def _parser(group: str, places: dict[str, str]) -> argparse.ArgumentParser:
     threads = min(num_cores(), 2)
     parser.add_argument("--threads", type=int, default=threads, metavar="N", help="of every library (%(default)s)")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of recordings (%(default)s)")
-    parser.add_argument("--width", type=int, metavar="PX", help="of images and spheres (each has its own)")
     return parser
 
 
@@ -115,9 +114,13 @@ def _run_each(chosen: list[tuple[str, str]], seed: int, own: list[str]) -> int:
 def _run_one(group: str, name: str, options: argparse.Namespace, own: list[str]) -> int:
     print(f"{group} {name}: seed {options.seed}, {options.size}", flush=True)
     set_threads(options.threads)
+    for variable, value in ROS.items():
+        os.environ.setdefault(variable, value)
     start = time.monotonic()
     try:
-        report: Report = _module(group, name).run(options)
+        with tempfile.TemporaryDirectory() as folder:
+            options.folder = Path(folder)
+            report: Report = _module(group, name).run(options)
     except (ValueError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 2

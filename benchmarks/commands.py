@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_status, stamp_ns
+from sphere_nav.spheres.graph import Edge
 from sphere_nav_tools.cli.main import main as sphere_nav
 from sphere_nav_tools.offline.evaluation import evaluate_poses
 
 TRUTH = ("ground_truth/pose",)  # of recordings and their bags
+COMMAND = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"  # in a process of its own
 
 
 class Said(NamedTuple):
@@ -51,12 +55,17 @@ def errors(estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:
     return evaluate_poses(estimate, truth).errors.translation_m if len(estimate) else np.full(1, np.nan)
 
 
-def tracked(said: Path, estimate: Trajectory) -> Trajectory:
-    """Return the poses whose status is TRACKING in the bag of what was said."""
+def read_states(said: Path) -> dict[int, tuple[str, str]]:
+    """Return state and reason by the stamp of the image, of the bag of what was said."""
     with BagReader(said) as bag:
-        messages = [item.message for item in bag.messages(["/status"])]
-    stamps = [stamp_ns(message) for message in messages if message_to_status(message).state == "TRACKING"]
-    return estimate[np.isin(estimate.stamps_ns, stamps)]
+        found = [(stamp_ns(item.message), message_to_status(item.message)) for item in bag.messages(["/status"])]
+    return {stamp: (str(status.state), str(status.reason)) for stamp, status in found}
+
+
+def num_false(loops: Iterable[Edge], truth: Mapping[int, SE3], most: tuple[float, float]) -> int:
+    """Return how many loops are more m or deg off than that, by true poses of their key spheres."""
+    off = [(truth[edge.a].inverse() @ truth[edge.b]).distance(edge.T_a_b) for edge in loops]
+    return sum(bool(moved > most[0] or turned > np.radians(most[1])) for moved, turned in off)
 
 
 def drift(travelled: Trajectory, truth: Trajectory, first: int = 0) -> float:

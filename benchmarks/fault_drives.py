@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from tf2_msgs.msg import TFMessage
 
+from benchmarks.room import graph_of, motions
 from cycab_sim.params import ActuatorParams, CarParams, SimParams
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
@@ -28,8 +28,7 @@ from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.maps.reader import MapDetails, save_map
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.spheres.graph import SphereGraph
 
 SECOND, STEP_NS, PERIOD_NS, LATENCY_NS, ODOM_NS = 1_000_000_000, 10_000_000, 100_000_000, 50_000_000, 20_000_000
 STREET = {"path": "straight", "camera.size": "320,240", "sphere.width": 768, "render.supersampling": 1}
@@ -37,6 +36,7 @@ SPACING = 1.5  # m between key spheres
 BEFORE = 2.0  # m of map behind the place where drives begin
 NOISE = 1.2  # grey levels
 FRAME = "camera_optical"
+EXACT = WheelErrors(0.0, 1.0, 0.0, 0.0, 0.0)
 Messages = list[tuple[str, Any]]  # topic and message
 
 
@@ -46,32 +46,23 @@ class Course:
     def __init__(self, folder: Path, seed: int = 1) -> None:
         self.simulator = Simulator(build(SimParams, STREET | {"seed": seed}))
         self.path = self.simulator.path
-        mounts = self.simulator.mounts
-        self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
+        mount, sphere = self.simulator.mounts["camera"], cast("Any", self.simulator.mounts["sphere"])
+        self.camera, self.T_base_camera = mount.camera, mount.T_base_camera
         self.length = self.path.length - BEFORE
-        self.map = self._make_map(folder / "map", mounts["sphere"])
+        along = np.arange(-BEFORE, self.length, SPACING)
+        poses = [SE3.from_planar(*self.pose(float(one))) @ sphere.T_base_camera for one in along]
+        nodes = list(graph_of(self.simulator, sphere.camera, poses, SECOND))
+        self.map = save_map(folder / "map", SphereGraph(nodes, motions(nodes)), MapDetails("street"))
 
-    def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
+    def pose(self, along: float) -> tuple[float, float, float]:
         """Return x, y, yaw of the base at a distance along the path."""
-        x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
-        return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
+        x, y, yaw, _ = map(float, self.path.at(along + BEFORE))
+        return x, y, yaw
 
     def look(self, x: float, y: float, yaw: float) -> NDArray[np.uint8]:
         """Return what the camera sees, without noise."""
         T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
         return self.simulator.render(self.camera, T_world_camera, is_gray=True)[0]
-
-    def _make_map(self, folder: Path, mount: Any) -> Path:
-        nodes: list[KeySphere] = []
-        for number, along in enumerate(np.arange(-BEFORE, self.length, SPACING)):
-            T_map_sphere = SE3.from_planar(*self.pose(float(along))) @ mount.T_base_camera
-            image, range_m = self.simulator.render(mount.camera, T_map_sphere)
-            stamp = (number + 1) * SECOND
-            nodes.append(KeySphere(number, stamp, T_map_sphere, Sphere(image, range_m, mount.camera, stamp)))
-        edges = [
-            Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e4 * np.eye(6)) for a, b in pairwise(nodes)
-        ]
-        return save_map(folder, SphereGraph(nodes, edges), MapDetails("street"))
 
 
 @dataclass
@@ -91,13 +82,12 @@ class Drive:
         self.course, self.seed, self.has_odometry = course, seed, has_odometry
         self.rng = np.random.default_rng(seed)
         self.bus = OfflineBus()
-        localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
-        self.localizer = localizer
+        self.localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
         self.localizer.residual = SimpleNamespace(num_subscriptions=0)  # nobody looks at it
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
         self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), CarParams(), ActuatorParams())
         self.command, self.now, self.num_images = VehicleCommand(), SECOND, 0
-        self.odometry = Odometer()
+        self.odometry = Odometer(ODOM_NS / SECOND, seed, EXACT)
         self.images: Callable[[Messages], Messages] | None = None
         self.latency_ns = LATENCY_NS
         self.pending: list[tuple[int, str, Any]] = []
@@ -108,25 +98,22 @@ class Drive:
         self.bus.deliver("/tf_static", TFMessage(transforms=[mount]))
         self.bus.deliver("/reference_path", conversions.poses_to_path(path, self.now, "map"))
 
-    def close(self) -> None:
-        """Close the map."""
-        self.bus.close()
-
     def start(self) -> str:
         """Arm; return why not."""
         answer = self.follower.endpoints.call("start")
         return "" if answer.success else str(answer.message).partition(":")[0]
 
-    def teleport(self, along: float, left: float = 0.0, turned: float = 0.0) -> None:
-        """Put the car elsewhere on the course, at its speed."""
-        speed = self.vehicle.state.speed
-        self.vehicle.state = VehicleState(*self.course.pose(along, left, turned), speed, 0.0)
+    def teleport(self, along: float, turned: float = 0.0) -> None:
+        """Put the car elsewhere on the course, at its speed, so much further along it."""
+        x, y, yaw = self.course.pose(self.place[0] + along)
+        self.vehicle.state = VehicleState(x, y, yaw + turned, self.vehicle.state.speed, 0.0)
 
     @property
-    def along(self) -> float:
-        """Where the car is along the path, m."""
-        x, y, yaw = self.course.pose(0.0)
-        return float((self.vehicle.state.x - x) * np.cos(yaw) + (self.vehicle.state.y - y) * np.sin(yaw))
+    def place(self) -> tuple[float, float]:
+        """Where the car is along the straight path, and beside it, m."""
+        T_start_car = SE3.from_planar(*self.course.pose(0.0)).inverse() @ self.vehicle.state.T_world_base
+        x, y, _ = T_start_car.translation.tolist()
+        return x, y
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
@@ -171,27 +158,20 @@ class Drive:
 
     def _move(self) -> None:
         self.vehicle.step(self.command, STEP_NS / SECOND)
-        self.odometry.step(self.vehicle, STEP_NS / SECOND)
-        state, (x, y, yaw) = self.vehicle.state, self.course.pose(0.0)
-        self.gauge.way += abs(state.speed) * STEP_NS / SECOND
-        aside = abs((state.y - y) * np.cos(yaw) - (state.x - x) * np.sin(yaw))
-        self.gauge.aside = max(self.gauge.aside, float(aside))
+        self.odometry.follow(self.vehicle, STEP_NS / SECOND)
+        self.gauge.way += abs(self.vehicle.state.speed) * STEP_NS / SECOND
+        self.gauge.aside = max(self.gauge.aside, abs(self.place[1]))
 
 
-class Odometer:
+class Odometer(WheelOdometry):
     """Wheel odometry; a fault sets `factor` (of its motion), `is_silent` or `is_frozen` (its last message goes on)."""
 
-    def __init__(self) -> None:
-        self.T_odom_base, self.speed, self.yaw_rate = SE3.identity(), 0.0, 0.0
-        self.factor, self.is_frozen, self.is_silent = 1.0, False, False
+    factor, is_frozen, is_silent = 1.0, False, False
 
-    def step(self, vehicle: Vehicle, seconds: float) -> None:
+    def follow(self, vehicle: Vehicle, seconds: float) -> None:
         """Follow the wheels."""
-        if self.is_frozen:
-            return
-        self.speed, self.yaw_rate = self.factor * vehicle.state.speed, self.factor * vehicle.yaw_rate
-        step = SE3.from_planar(self.speed * seconds, 0.0, self.yaw_rate * seconds)
-        self.T_odom_base = self.T_odom_base @ step
+        if not self.is_frozen:
+            self.step(self.factor * vehicle.state.speed, self.factor * vehicle.yaw_rate, seconds)
 
     def message(self, now: int) -> Odometry:
         """Return what is published now."""

@@ -86,20 +86,13 @@ def _frozen() -> Images:
     return change
 
 
-def _info(change: Callable[[Any], None]) -> Images:
+def _info(**changes: Callable[[Any], Any]) -> Images:
     def apply(drive: Drive, messages: Messages, age: float) -> Messages:
-        change(messages[0][1])
+        for name, change in changes.items():
+            setattr(messages[0][1], name, change(getattr(messages[0][1], name)))
         return messages
 
     return apply
-
-
-def _set(name: str, value: Any) -> Callable[[Any], None]:
-    return lambda info: setattr(info, name, value)
-
-
-def _longer(info: Any) -> None:
-    info.k = info.k * np.array([1.3, 1, 1, 1, 1.3, 1, 1, 1, 1])
 
 
 def _other_frame(index: int) -> Images:
@@ -116,10 +109,6 @@ def _covered(share: float) -> Pixels:
         return image
 
     return cover
-
-
-def _noise(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return image + 80.0 * rng.normal(size=image.shape)
 
 
 def _smear(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -139,10 +128,8 @@ def _speak(drive: Drive) -> None:
 
 
 def _publishers(*names: str, topic: str = "pose") -> Callable[[Drive], None]:
-    def set_them(drive: Drive) -> None:
-        drive.follower.endpoints.publishers_of = lambda asked: list(names) if asked == topic else []
-
-    return set_them
+    found = {topic: list(names)}
+    return lambda drive: setattr(drive.follower.endpoints, "publishers_of", lambda asked: found.get(asked, []))
 
 
 def _masked(drive: Drive, messages: Messages, age: float) -> Messages:
@@ -168,10 +155,7 @@ def _posed(error: Callable[[float], tuple[float, float]], covariance: float = 1.
 
 
 def _late(nanoseconds: int) -> Callable[[Drive], None]:
-    def set_it(drive: Drive) -> None:
-        drive.latency_ns = nanoseconds
-
-    return set_it
+    return lambda drive: setattr(drive, "latency_ns", nanoseconds)
 
 
 def _no_number(drive: Drive, messages: Messages, age: float) -> Messages:
@@ -228,8 +212,8 @@ def _press(is_pressed: bool) -> Callable[[Drive], None]:
     return lambda drive: drive.bus.deliver("/emergency_stop", Bool(data=is_pressed))
 
 
-def _teleport(along: float, left: float = 0.0, turned: float = 0.0) -> Callable[[Drive], None]:
-    return lambda drive: drive.teleport(drive.along + along, left, turned)
+def _teleport(along: float, turned: float = 0.0) -> Callable[[Drive], None]:
+    return lambda drive: drive.teleport(along, turned)
 
 
 def _odometry(name: str, value: float) -> Callable[[Drive], None]:
@@ -252,14 +236,15 @@ FAULTS = (
     Fault("F4", "stamps of zero", _stamped(lambda now: 0)),
     Fault("F5", "clock goes backwards", begin=_clock_back),
     Fault("F7", "poses that are no numbers in between", _no_number, stops=False),
-    Fault("F8", "camera_info of another size", _info(_set("width", 640))),
-    Fault("F8", "camera_info without focal length", _info(_set("k", np.zeros(9)))),
-    Fault("F8", "camera_info with a focal length of 1.3 times", _info(_longer)),
+    Fault("F8", "camera_info of another size", _info(width=lambda _: 640)),
+    Fault("F8", "camera_info without focal length", _info(k=lambda _: np.zeros(9))),
+    Fault("F8", "camera_info with a focal length of 1.3 times", _info(k=lambda k: k * [1.3, 1, 1, 1, 1.3, 1, 1, 1, 1])),
     Fault("F8", "camera_info of another frame", _other_frame(0)),
     Fault("F8", "images of another frame", _other_frame(1)),
     Fault("F9", "black", _pixels(lambda image, rng: 0 * image)),
     Fault("F9", "saturated", _pixels(lambda image, rng: 0 * image + 255)),
-    Fault("F9", "noise of 80 grey levels", _pixels(_noise), stops=None),
+    Fault("F9", "noise of 80 grey levels", _pixels(lambda image, rng: image + 80.0 * rng.normal(size=image.shape)),
+          stops=None),
     Fault("F9", "out of focus", _pixels(lambda image, rng: cv2.GaussianBlur(image, (0, 0), 12.0)), stops=None),
     Fault("F9", "half smeared", _pixels(_smear), stops=None),
     Fault("F9", "exposure of 1.6 times", _pixels(lambda image, rng: 1.6 * image), stops=None),
@@ -267,7 +252,7 @@ FAULTS = (
     Fault("F10", "nine tenths covered", _pixels(_covered(0.9))),
     Fault("F11", "kidnapped 5 m ahead", begin=_teleport(5.0), is_moved=True),
     Fault("F11", "kidnapped 15 m ahead", begin=_teleport(15.0), is_moved=True),
-    Fault("F11", "turned by 180 degrees", begin=_teleport(0.0, 0.0, math.pi), is_moved=True),
+    Fault("F11", "turned by 180 degrees", begin=_teleport(0.0, math.pi), is_moved=True),
     Fault("F12", "initial poses off the map, no number, of another frame", begin=_initial_poses, stops=False),
     Fault("F13", "maps to load: cut off, empty, not there", begin=_damaged_maps, stops=False),
     Fault("F15", "localiser killed", begin=_mute, end=_speak),

@@ -49,13 +49,6 @@ def set_threads(num_threads: int) -> None:
     numba.set_num_threads(num_threads)
 
 
-def milliseconds(call: Callable[[], Any]) -> tuple[float, Any]:
-    """Run once; return the time and the result."""
-    start = time.perf_counter_ns()
-    result = call()
-    return (time.perf_counter_ns() - start) / 1e6, result
-
-
 def repeat_cpu(call: Callable[[], Any], num_runs: int, num_warm_up: int = 3) -> np.ndarray:
     """Return the CPU times (num_runs,) in ms of this thread: what else runs on the machine counts little."""
     for _ in range(num_warm_up):

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav_tools.offline.importing.recording import read_meters, read_pose
 
 CAMERA = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)  # of colour
 DEPTH_CAMERA = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
-OFFSET_M = (-0.025, 0.0, 0.0)  # X_colour = X_depth + offset
-INVALID_MM = (0, 65535)  # 7-Scenes writes both where the sensor saw nothing
+COLOUR_DEPTH = DepthRegistration(DEPTH_CAMERA, CAMERA, SE3.from_parts(np.eye(3), [-0.025, 0.0, 0.0]))
 COLMAP_POSES = "_colmap_poses"  # folder beside a recording that has its name and this
 
 
@@ -29,12 +30,6 @@ class Frame:
     T_world_camera: SE3
 
 
-def colmap_poses(folder: Path) -> Path | None:
-    """Return the folder of COLMAP's poses beside a recording, None where there is none."""
-    poses = folder.with_name(folder.name + COLMAP_POSES)
-    return poses if poses.is_dir() else None
-
-
 @dataclass(frozen=True)
 class Recording:
     """Frames by the files of their poses; images are read when asked for."""
@@ -46,8 +41,8 @@ class Recording:
     def open(cls, data: Path) -> Recording | None:
         """Return the kitchen of a folder of recordings, None where it or its poses are not there."""
         folder = data / "rgbd" / "redkitchen"
-        poses = colmap_poses(folder)
-        return cls(folder, poses) if poses is not None and folder.is_dir() else None
+        poses = folder.with_name(folder.name + COLMAP_POSES)
+        return cls(folder, poses) if poses.is_dir() and folder.is_dir() else None
 
     def pairs(self, gap: int, step: int) -> list[tuple[Path, Path]]:
         """Return frames so far apart; `step` frames are between the starts of pairs."""
@@ -55,35 +50,11 @@ class Recording:
         return [(files[i], files[i + gap]) for i in range(0, len(files) - gap, step)]
 
     def frame(self, path: Path) -> Frame:
-        """Return a frame, its depth carried into the colour image (nearest surface wins)."""
-        return _read(path, self.folder)
-
-
-@lru_cache(maxsize=32)
-def _read(path: Path, folder: Path) -> Frame:
-    stem = path.name.removesuffix(".pose.txt")
-    color = next((p for kind in ("jpg", "png") if (p := folder / f"{stem}.color.{kind}").exists()), None)
-    if color is None:
-        raise ValueError(f"{folder / stem}: expected .color.jpg or .color.png, found neither")
-    depth, gray = (
-        cv2.imread(str(folder / f"{stem}.depth.png"), cv2.IMREAD_UNCHANGED),
-        cv2.imread(str(color), cv2.IMREAD_GRAYSCALE),
-    )
-    if depth is None or gray is None:
-        raise ValueError(f"{folder / stem}: expected readable images, found none")
-    depth_m = np.where(np.isin(depth, INVALID_MM), np.nan, depth / 1000.0).astype(np.float32)
-    return Frame(stem, gray.astype(np.uint8), _registered(depth_m), SE3.from_matrix(np.loadtxt(path)))
-
-
-def _registered(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    v, u = np.nonzero(np.isfinite(depth_m))
-    z = depth_m[v, u].astype(np.float64)
-    points = np.stack([(u - DEPTH_CAMERA.cx) / DEPTH_CAMERA.fx, (v - DEPTH_CAMERA.cy) / DEPTH_CAMERA.fy], axis=-1)
-    points = np.column_stack([points * z[:, None], z]) + OFFSET_M
-    pixels, visible = CAMERA.project(points)
-    far_first = np.argsort(-points[:, 2], kind="stable")
-    far_first = far_first[visible[far_first]]
-    column, row = np.rint(pixels[far_first]).astype(int).T
-    found = np.full(depth_m.shape, np.nan, np.float32)
-    found[row, column] = points[far_first, 2]
-    return found
+        """Return a frame, its depth as the colour camera sees it."""
+        stem = path.name.removesuffix(".pose.txt")
+        color = next((p for kind in ("jpg", "png") if (p := self.folder / f"{stem}.color.{kind}").exists()), None)
+        if color is None:
+            raise ValueError(f"{self.folder / stem}: expected .color.jpg or .color.png, found neither")
+        gray = read_image_file(color, cv2.IMREAD_GRAYSCALE).astype(np.uint8)
+        depth_m = COLOUR_DEPTH(read_meters(self.folder / f"{stem}.depth.png", 1000.0))
+        return Frame(stem, gray, depth_m, read_pose(path))

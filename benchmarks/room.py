@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from worlds import localizer, room
 
@@ -24,22 +25,24 @@ def make_room(
     return kind(half_sides_m, (COARSEST, finest, NUM_WAVES), gain=30.0, seed=seed)
 
 
-def render(camera: Camera, T_room_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the grey image and the range in m (H, W) that a camera sees of the room of a seed."""
-    return look(make_room(seed), camera, T_room_camera)
-
-
 def look(place: Any, camera: Camera, T_room_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the grey image and the range in m (H, W) that a camera sees of a room."""
     gray, range_m = place.render(camera, T_room_camera)
     return np.rint(gray).astype(np.uint8), range_m
 
 
-def graph_of(place: Any, camera: Spherical, places: Iterable[SE3]) -> SphereGraph:
-    """Return key spheres of a room."""
-    return SphereGraph(
-        [KeySphere(i, i + 1, T, Sphere(*look(place, camera, T), camera, i + 1)) for i, T in enumerate(places)]
-    )
+def graph_of(place: Any, camera: Spherical, poses: Iterable[SE3], step_ns: int = 1) -> SphereGraph:
+    """Return key spheres of a room, or of another place that renders."""
+    nodes = []
+    for number, T in enumerate(poses):
+        stamp = step_ns * (number + 1)
+        nodes.append(KeySphere(number, stamp, T, Sphere(*look(place, camera, T), camera, stamp)))
+    return SphereGraph(nodes)
+
+
+def motions(nodes: Iterable[KeySphere]) -> list[Edge]:
+    """Return the true motion from each key sphere to the next."""
+    return [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e4 * np.eye(6)) for a, b in pairwise(nodes)]
 
 
 class MemoryMap(localizer.MemoryMap):

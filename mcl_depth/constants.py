@@ -147,7 +147,7 @@ MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
 MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet
 
-# Untrusted maps (geometry/test_files, test_bad_input): what a file says is refused beyond these
+# Untrusted maps (geometry/test_files): what a file says is refused beyond these
 MAX_HEADER = 1 << 16  # bytes of a file
 MAX_LZF_RATIO = 300  # LZF cannot pack tighter
 MAX_FACE = 255  # corners

@@ -12,13 +12,11 @@ import os
 import random
 import re
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,19 +38,18 @@ from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.safety.fault_busy import front_of
 from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
+from sphere_nav_tools.cli.processes import Processes
 
-HELP = "lied messages and requests to every endpoint of every node: no process dies"
 COUNTS = {"quick": 300, "full": 20_000}
 START = 120.0  # s until a node answers after it was started, on a busy machine
-END = 4.0  # s until it ends when it is told to
 AGAIN = 5.0  # s until a question is repeated
 ANSWER = 30.0  # s until it answers after lies, or tells its health; more counts as a hang
 HEALTH = 3.0  # s without diagnostics, which come every second, until they are awaited
 ROUND = 24  # lies before a question
 SHARE_OF_REQUESTS = 0.3  # of the lies; the others are messages
 SHARE_OF_BYTES = 0.2  # of the messages, that are no message
-RARE = {"lifecycle_msgs/srv/ChangeState": 0.05}  # shares of what makes a node deaf to other lies
-DOMAIN = "48"
+SHARE_OF_CHANGES = 0.05  # of the requests that make a node deaf to other lies: those to change its state
+COLUMNS = ("node", "endpoints", "lies", "starts", "deaths", "silent", "traces")
 RCLError = rclpy_implementation.RCLError
 
 
@@ -64,11 +61,9 @@ class Outcome:
     num_lies: int = 0
     num_endpoints: int = 0
     num_starts: int = 0
-    counts: Counter[str] = field(default_factory=Counter)  # by the node's own diagnostics: received, refused, failed
     deaths: list[str] = field(default_factory=list)
     silences: list[str] = field(default_factory=list)
     mistakes: Counter[str] = field(default_factory=Counter)  # tracebacks in the log: ours to mend
-    seconds: float = 0.0
 
 
 class Victim:
@@ -76,39 +71,31 @@ class Victim:
 
     def __init__(self, case: Case, folder: Path, *, uses_sim_time: bool) -> None:
         values = case.values(folder) | {"use_sim_time": uses_sim_time}
-        words = [word for name, value in values.items() for word in ("-p", f"{name}:={_text(value)}")]
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
         node = case.node_class
-        start = f"import sys; from {node.__module__} import main; sys.exit(main())"
         self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
         self.has_loop = issubclass(node, FrontNode)
-        with self.log.open("wb") as log:
-            command = [sys.executable, "-P", "-c", start, "--ros-args", *words]
-            self.process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
+        self._nodes = Processes(folder)
+        self._nodes.run(self.name, f"from {node.__module__} import main; sys.exit(main())", "--ros-args", *words)
+        self._process = self._nodes.running[self.name]
 
     @property
     def death(self) -> str:
         """How the process ended, which a loop does with its front; empty while it lives."""
-        status = self.process.poll()
+        status = self._process.poll()
         if status is None:
             return ""
-        lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return f"{self.name}: ended with {status}: {lines[-1] if lines else 'no word'}"[:300]
+        return f"{self.name}: ended with {status}: {self._nodes.last_words(self.name) or 'no word'}"[:300]
 
     def close(self) -> None:
         """End the process, and the front of one that had to be killed: it would answer for its successor."""
-        if self.process.poll() is None:
-            front = 0
-            with suppress(IndexError, OSError):
-                front = front_of(self.process.pid) if self.has_loop else 0
-            self.process.terminate()
-            try:
-                self.process.wait(END)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-                if front:
-                    with suppress(ProcessLookupError):
-                        os.kill(front, signal.SIGKILL)
+        fronts = []
+        with suppress(IndexError, OSError):
+            fronts += [front_of(self._process.pid)] * self.has_loop
+        self._nodes.end()
+        for front in fronts:
+            with suppress(ProcessLookupError):
+                os.kill(front, signal.SIGKILL)
 
     def mistakes(self) -> Counter[str]:
         """Return the last lines of the tracebacks in the log, with the places they come from."""
@@ -131,15 +118,13 @@ class Interrogation:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._victim: Victim | None = None
-        self._counts: dict[str, int] = {}  # the last ones, by entry and name
         self._told: dict[str, float] = {}  # when the health of each process came last, s
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._count, qos.STATE)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, qos.STATE)
         self._topics: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
 
     def lie(self, count: int) -> Outcome:
         """Send so many lies; where the process dies of one it is started again."""
-        started = time.monotonic()
         try:
             while self.outcome.num_lies < count:
                 if self._victim is None:
@@ -151,7 +136,6 @@ class Interrogation:
             self._end()
             self._executor.shutdown()
             self._node.destroy_node()
-        self.outcome.seconds = time.monotonic() - started
         return self.outcome
 
     def _start(self) -> None:
@@ -169,24 +153,15 @@ class Interrogation:
 
     def _end(self) -> None:
         if self._victim is not None:
-            self._await_health(list(self._told), time.monotonic(), HEALTH)  # what came in since it was told last
             self._victim.close()
             self.outcome.mistakes += self._victim.mistakes()
             self._victim = None
-            self._counts.clear()
             self._told.clear()
 
-    def _count(self, message: DiagnosticArray) -> None:
-        """Add what is new: a process that configures again counts its inputs from 0."""
+    def _hear(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            for pair in status.values:
-                if pair.key == "failed":
-                    self._told[status.name.rpartition(": ")[2]] = time.monotonic()
-                if pair.key in ("received", "refused", "failed"):
-                    key, value = f"{status.name}: {pair.key}", int(pair.value)
-                    last = self._counts.get(key, 0)
-                    self.outcome.counts[pair.key] += value - last if value >= last else value
-                    self._counts[key] = value
+            if any(pair.key == "failed" for pair in status.values):
+                self._told[status.name.rpartition(": ")[2]] = time.monotonic()
 
     def _find_endpoints(self) -> None:
         """Make a publisher for each topic and a client for each service of all nodes of the process."""
@@ -201,19 +176,20 @@ class Interrogation:
                     self._topics[topic] = self._node.create_publisher(interface_class(kinds[0]), topic, qos.LATCHED)
             for service, kinds in self._node.get_service_names_and_types_by_node(name, namespace):
                 if service not in self._clients:
-                    self._clients[service] = self._node.create_client(interface_class(kinds[0]), service), kinds[0]
+                    self._clients[service] = self._node.create_client(interface_class(kinds[0]), service)
         self.outcome.num_endpoints = len(self._topics) + len(self._clients)
 
     def _one(self) -> None:
         self.outcome.num_lies += 1
         if not self._topics or self._rng.random() < SHARE_OF_REQUESTS:
-            _, (client, kind) = self._pick(self._clients)
-            if self._rng.random() < RARE.get(kind, 1.0):
+            client = self._clients[self._rng.choice(sorted(self._clients))]
+            if client.srv_type is not ChangeState or self._rng.random() < SHARE_OF_CHANGES:
                 answer = client.call_async(self._liar.message(client.srv_type.Request))
                 answer.add_done_callback(lambda done: None)
                 client.remove_pending_request(answer)
             return
-        topic, publisher = self._pick(self._topics)
+        topic = str(self._rng.choice(sorted(self._topics)))
+        publisher = self._topics[topic]
         sends = {f"/{name.lstrip('/')}": message for name, message in self._case.sends().items()}
         message = self._liar.message(publisher.msg_type)
         if topic in sends and self._rng.random() < 0.5:
@@ -222,10 +198,6 @@ class Interrogation:
             publisher.publish(self._liar.raw(message) if self._rng.random() < SHARE_OF_BYTES else message)
         except (RCLError, SystemError, OverflowError, AssertionError, TypeError, ValueError):  # too wrong to be sent
             publisher.publish(self._liar.message(publisher.msg_type))
-
-    def _pick(self, found: dict[str, Any]) -> tuple[str, Any]:
-        name = str(self._rng.choice(sorted(found)))
-        return name, found[name]
 
     def _examine(self) -> None:
         """Ask the node; note its death, or its silence."""
@@ -244,17 +216,13 @@ class Interrogation:
             self._end()  # shut down as it was asked to, or without a file that it needs: it starts anew
 
     def _is_told(self, state: int) -> bool:
-        """Whether the health of the node was told lately; that of its loop, too, where it is configured."""
+        """Whether the health of the node was told lately, or comes; that of its loop, too, where it is configured."""
         assert self._victim is not None
         has_loop = self._victim.has_loop and state in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
         names = ["callbacks", "callbacks of the loop"] if has_loop else ["callbacks"]
-        return self._await_health(names, time.monotonic() - HEALTH, ANSWER)
-
-    def _await_health(self, names: Sequence[str], since: float, patience: float) -> bool:
-        """Whether diagnostics with these entries come that are not older than a time."""
-        end = time.monotonic() + patience
+        since = time.monotonic() - HEALTH
         while any(self._told.get(name, 0.0) < since for name in names):
-            if self._victim is None or self._victim.death or time.monotonic() > end:
+            if self._victim.death or time.monotonic() > since + HEALTH + ANSWER:
                 return False
             self._executor.spin_once(timeout_sec=0.2)
         return True
@@ -278,8 +246,8 @@ class Interrogation:
         """Return the answer of a service of the node; None where it is dead or silent."""
         name = f"/{self._case.node_class.NAME}/{service}"
         if name not in self._clients:
-            self._clients[name] = self._node.create_client(kind, name), ""
-        client, end = self._clients[name][0], time.monotonic() + patience
+            self._clients[name] = self._node.create_client(kind, name)
+        client, end = self._clients[name], time.monotonic() + patience
         while self._victim is not None and not self._victim.death and time.monotonic() < end:
             if not client.service_is_ready():
                 time.sleep(0.02)
@@ -300,7 +268,7 @@ def interrogate(cases: Sequence[tuple[Case, bool]], count: int, seed: int) -> li
     outcomes = []
     try:
         for number, (case, uses_sim_time) in enumerate(cases):
-            with tempfile.TemporaryDirectory() as folder:
+            with tempfile.TemporaryDirectory() as folder, chdir(folder):  # for files of lied names
                 rng = np.random.default_rng([seed, number])
                 interrogation = Interrogation(case, Path(folder), rng, uses_sim_time=uses_sim_time)
                 outcomes.append(interrogation.lie(-(-count // len(cases))))
@@ -311,31 +279,15 @@ def interrogate(cases: Sequence[tuple[Case, bool]], count: int, seed: int) -> li
 
 def run(options: argparse.Namespace) -> Report:
     """Lie to every node on both clocks, or to three of them."""
-    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     cases = [(case, clock) for case in CASES for clock in (False, True)]
     if options.size == "quick":
         cases = random.Random(options.seed).sample(cases, min(3, len(cases)))
     outcomes = interrogate(cases, COUNTS[options.size], options.seed)
     report, rows = Report("endpoints", notes=[__doc__ or ""]), []
     for o in outcomes:
-        heard = [o.counts[key] for key in ("received", "refused", "failed")]
-        counts = o.num_endpoints, o.num_lies, *heard, o.num_starts, len(o.deaths), len(o.silences), o.mistakes.total()
-        rows.append((o.name, *map(str, counts), f"{o.seconds:.0f}"))
-    columns = (
-        "node",
-        "endpoints",
-        "lies",
-        "received",
-        "refused",
-        "failed",
-        "starts",
-        "deaths",
-        "silent",
-        "traces",
-        "s",
-    )
-    report.tables.append(Table("Lies", columns, rows))
+        counts = o.num_endpoints, o.num_lies, o.num_starts, len(o.deaths), len(o.silences), o.mistakes.total()
+        rows.append((o.name, *map(str, counts)))
+    report.tables.append(Table("Lies", COLUMNS, rows))
     deaths = [death for outcome in outcomes for death in outcome.deaths]
     silences = [silence for outcome in outcomes for silence in outcome.silences]
     traces = [f"{n} x {o.name}: {line}" for o in outcomes for line, n in o.mistakes.most_common()]
@@ -347,8 +299,3 @@ def run(options: argparse.Namespace) -> Report:
         Bound(f"processes that were silent for {ANSWER:g} s", 0, len(silences), ""),
     ]
     return report
-
-
-def _text(value: Any) -> str:
-    """Return a parameter as the command line takes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)

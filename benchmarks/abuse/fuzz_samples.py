@@ -7,11 +7,10 @@ from pathlib import Path
 import cv2
 import laspy
 import numpy as np
-from mcap.writer import Writer
-from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
-from benchmarks.abuse.zoo_bags import ros1, ros2
+from benchmarks.abuse.zoo_bags import mcap, ros1, ros2
+from benchmarks.room import motions
 from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.mission import FollowerView, Goal, Mission
@@ -25,7 +24,7 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.maps.reader import MapDetails, save_map
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 SECOND = 1_000_000_000
@@ -122,6 +121,11 @@ class Samples:
         head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 40\nHEIGHT 1\nPOINTS 40\nDATA "
         (self.folder / "binary.pcd").write_bytes(f"{head}binary\n".encode() + points.tobytes())
         text = "\n".join(" ".join(f"{value:.3f}" for value in row) for row in points)
+        tile, tiles = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2")), []
+        tile.x, tile.y, tile.z = points.T
+        for name in ("points.las", "tile.laz"):
+            tile.write(str(self.folder / name))
+            tiles.append(self.folder / name)
         return [
             self.folder / "points.npy",
             self.folder / "binary.ply",
@@ -129,28 +133,20 @@ class Samples:
             self._text("faces.ply", PLY + faces + rows + "3 0 1 2\n3 0 1 3\n"),
             self._text("ascii.pcd", f"{head}ascii\n{text}\n"),
             self._text("plan.csv", PLAN),
-            self._tile("points.las", points),
-            self._tile("tile.laz", points),
+            *tiles,
         ]
 
-    def _tile(self, name: str, points: np.ndarray) -> Path:
-        tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
-        tile.x, tile.y, tile.z = points.T
-        tile.write(str(self.folder / name))
-        return self.folder / name
-
     def _map(self) -> Path:
-        nodes, edges = [], []
+        nodes = []
         for number in range(3):
             image = self.rng.integers(1, 255, (10, 24, 3), dtype=np.uint8)
             range_m = self.rng.uniform(1.0, 30.0, (10, 24)).astype(np.float32)
             sphere = Sphere(image, range_m, Spherical(24, 10, 64.0, 20.0, 8.0), (number + 1) * SECOND)
             self.spheres[number] = sphere
             nodes.append(KeySphere(number, (number + 1) * SECOND, SE3.from_planar(number, 0.0, 0.1), sphere))
-        for number in range(2):
-            edges.append(Edge(number, number + 1, SE3.from_planar(1.0, 0.0, 0.0), np.eye(6)))
-        self.graph = SphereGraph(nodes, edges)
-        return save_map(self.folder / "map", self.graph, MapDetails("yard", parameters={"a.b": 1}))
+        return save_map(
+            self.folder / "map", SphereGraph(nodes, motions(nodes)), MapDetails("yard", parameters={"a.b": 1})
+        )
 
     def _bag(self) -> tuple[Path, Path]:
         with BagWriter(self.folder / "bag") as bag:
@@ -159,15 +155,8 @@ class Samples:
                 bag.write("stamp", Header(frame_id=str(number)), number * SECOND + 1)
                 if number % 10 == 9:
                     bag.end_chunk()
-        with (self.folder / "plain.mcap").open("wb") as file:
-            writer = Writer(file, use_chunking=False)
-            writer.start("ros2")
-            schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-            channel = writer.register_channel("/text", "cdr", schema)
-            for number in range(20):
-                writer.add_message(channel, number, serialize_message(String(data=str(number))), number)
-            writer.finish()
-        return self.folder / "bag" / "bag_0.mcap", self.folder / "plain.mcap"
+        plain = [("/text", number, String(data=str(number))) for number in range(20)]
+        return self.folder / "bag" / "bag_0.mcap", mcap(use_chunking=False)(self.folder / "plain", plain)
 
     def _foreign_bags(self) -> list[Path]:
         """Return files that another library wrote: sqlite3, ROS 1 in chunks."""

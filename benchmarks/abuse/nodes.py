@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +36,8 @@ from sphere_nav.spheres.sphere import Sphere
 CAMERA = Pinhole(16, 12, 10.0, 10.0, 7.5, 5.5)
 RNG = np.random.default_rng(0)
 PIXELS = RNG.integers(20, 230, (12, 16)).astype(np.uint8)
-LEVELS, RANGES = RNG.integers(20, 230, (64, 128, 3)).astype(np.uint8), np.full((64, 128), 5.0, np.float32)
+LEVELS = RNG.integers(20, 230, (64, 128, 3)).astype(np.uint8)
+SPHERE = Sphere(LEVELS, np.full((64, 128), 5.0, np.float32), Spherical(128, 64))
 
 
 class Case(NamedTuple):
@@ -66,11 +68,6 @@ def pictures() -> dict[str, Any]:
         gray = np.full((part.camera.height, part.camera.width), 128, np.uint8)
         found[f"cameras/{part.name}/image_raw"] = array_to_image(gray, stamp, part.name, "mono8")
     return found
-
-
-def _sphere() -> dict[str, Any]:
-    made = Sphere(LEVELS, RANGES, Spherical(128, 64), time.time_ns())
-    return {"sphere": sphere_to_message(made, "sphere_link")}
 
 
 def _bag_in(folder: Path) -> dict[str, Any]:
@@ -107,7 +104,11 @@ CASES = (
         lambda folder: {"topics": "text", "output": str(folder / str(len(list(folder.iterdir()))))},
         lambda: {"text": String(data="hello")},
     ),
-    Case(SphereMapper, lambda folder: {"map_folder": str(folder / "maps")}, _sphere),
+    Case(
+        SphereMapper,
+        lambda folder: {"map_folder": str(folder / "maps")},
+        lambda: {"sphere": sphere_to_message(replace(SPHERE, stamp_ns=time.time_ns()), "sphere_link")},
+    ),
     Case(SphereStitcher, rig_in, pictures),
     Case(CycabSim, lambda folder: {"world": "corridor", "camera.period": 0.0}),
 )

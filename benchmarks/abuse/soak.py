@@ -11,15 +11,12 @@ import argparse
 import json
 import os
 import subprocess
-import tempfile
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.abuse.nodes import pictures, rig_in
@@ -31,11 +28,10 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav_tools.cli.processes import Processes, node_command
 from worlds.patience import family
 
-HELP = "twenty minutes of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
-DOMAIN = "71"
 SLOW, NUM_VIEWS = 10, 200  # turns between two inputs of what is fed slowly; views of the way back and forth
 SAMPLING, WARM_UP = 10.0, 600.0  # s between two looks; in which caches fill, at most a third of the run
 RADIUS, SWAY, NOISE = 20.0, 6.0, 1.2  # m of the circle; m of the camera's way; grey levels
+WHATS = ("anonymous", "handles", "threads", "cpu")  # of a process
 EYES, PARTICLES, RIG = "/eyes", "/particles", "/rig"  # namespaces of what sees
 TOPICS = f"'pose status scan cmd_vel cmd_vel_in path_follower/status /tf /diagnostics {EYES}/pose {EYES}/status'"
 NODES = {  # their remappings
@@ -48,24 +44,15 @@ NODES = {  # their remappings
 }
 
 
-@dataclass(frozen=True)
-class Look:
-    """What a process held at one time: anonymous memory in kB, descriptors, threads, CPU in s."""
-
-    anonymous: int
-    handles: int
-    threads: int
-    cpu: float
-
-
-def look(pid: int) -> Look:
-    """Return what a process holds."""
+def look(pid: int) -> dict[str, float]:
+    """Return what a process holds: anonymous memory in kB, descriptors, threads, CPU in s."""
     process = Path(f"/proc/{pid}")
     rollup = (process / "smaps_rollup").read_text(encoding="utf-8")
     stat = (process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     seconds = (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
     anonymous = int(rollup.partition("\nAnonymous:")[2].split()[0])
-    return Look(anonymous, len(os.listdir(process / "fd")), int(stat[17]), seconds)
+    handles = len(os.listdir(process / "fd"))
+    return {"anonymous": anonymous, "handles": handles, "threads": int(stat[17]), "cpu": seconds}
 
 
 def shared_bytes(pids: list[int]) -> int:
@@ -95,10 +82,7 @@ class Feeder(Base):
         """Say once what the sensors see."""
         super().speak()
         stamp = time.time_ns()
-        ranges = (15.0 + 0.01 * np.sin(np.arange(360) + self.num_turns)).tolist()
-        scan = LaserScan(ranges=ranges, angle_min=-np.pi, angle_max=np.pi, angle_increment=2 * np.pi / 360)
-        scan.range_min, scan.range_max, scan.header = 0.1, 30.0, conversions.header(stamp, "laser")
-        self.scans.publish(scan)
+        self.scan(15.0 + 0.01 * np.sin(np.arange(360) + self.num_turns), 2 * np.pi / 360)
         self._see(EYES, stamp)
         moved = SE3.from_planar(along(self.num_turns), 0.0, 0.0)
         odometry = conversions.se3_to_odometry(moved, 1e-4 * np.eye(6), stamp, ("odom", "base_link"), np.zeros(6))
@@ -126,41 +110,33 @@ def along(turn: int) -> float:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Let it run, and report what it held."""
-    log = Path("out/bench/soak.jsonl")
+    """Let the nodes run, write a line for each look at them, and report what they held."""
+    log, minutes = Path("out/bench/soak.jsonl"), 1.0 if options.size == "quick" else 20.0
     log.parent.mkdir(parents=True, exist_ok=True)
     log.write_text("", encoding="utf-8")
-    soak(1.0 if options.size == "quick" else 20.0, log)
+    folder, rng, views = options.folder, np.random.default_rng(0), []
+    course = Course(folder)
+    for number in range(NUM_VIEWS):
+        view = course.look(*course.pose(along(number)))
+        views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
+    turns = np.linspace(0.0, 2.0 * np.pi, 400)
+    circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
+    (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
+    parameters: dict[str, dict[str, Any]] = {
+        "path_follower": {"trajectory": folder / "path.csv", "path.is_closed": "true"},
+        "dense_localizer": {"map": course.map},
+        "mcl_depth": {"cloud": course.map, "input.timeout_s": 3.0},
+        "sphere_stitcher": rig_in(folder),
+        "bag_recorder": {"output": folder / "bag", "topics": TOPICS},
+    }
+    with Processes(folder) as nodes:
+        running = {name: nodes.begin(name, _command(name, parameters.get(name, {}))) for name in NODES}
+        feeder = Feeder(views, course.camera, course.T_base_camera)
+        try:
+            _watch(feeder, running, minutes, log)
+        finally:
+            feeder.close()
     return judge(log)
-
-
-def soak(minutes: float, log: Path) -> None:
-    """Run the nodes for so long, and write a line for each look at them."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    with tempfile.TemporaryDirectory() as name:
-        folder, rng, views = Path(name), np.random.default_rng(0), []
-        course = Course(folder)
-        for number in range(NUM_VIEWS):
-            view = course.look(*course.pose(along(number)))
-            views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
-        turns = np.linspace(0.0, 2.0 * np.pi, 400)
-        circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
-        (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
-        parameters: dict[str, dict[str, Any]] = {
-            "path_follower": {"trajectory": folder / "path.csv", "path.is_closed": "true"},
-            "dense_localizer": {"map": course.map},
-            "mcl_depth": {"cloud": course.map, "input.timeout_s": 3.0},
-            "sphere_stitcher": rig_in(folder),
-            "bag_recorder": {"output": folder / "bag", "topics": TOPICS},
-        }
-        with Processes(folder) as nodes:
-            running = {name: nodes.begin(name, _command(name, parameters.get(name, {}))) for name in NODES}
-            feeder = Feeder(views, course.camera, course.T_base_camera)
-            try:
-                _watch(feeder, running, minutes, log)
-            finally:
-                feeder.close()
 
 
 def _command(node: str, parameters: dict[str, Any]) -> list[str]:
@@ -175,7 +151,7 @@ def _watch(feeder: Feeder, running: dict[str, subprocess.Popen[bytes]], minutes:
         if gone := [name for name, process in running.items() if process.poll() is not None]:
             raise RuntimeError(f"{gone[0]}: expected it to run, found it ended after {now - begun:.0f} s")
         pids = {f"{name} {n or ''}".strip(): pid for name, p in running.items() for n, pid in enumerate(family(p.pid))}
-        looks = {name: asdict(look(pid)) for name, pid in pids.items()}
+        looks = {name: look(pid) for name, pid in pids.items()}
         told = {"way": feeder.x, "reason": feeder.reason, "shared_bytes": shared_bytes(list(pids.values()))}
         with log.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"time": now - begun, "looks": looks} | told) + "\n")
@@ -195,22 +171,21 @@ def judge(log: Path) -> Report:
     warm = min(WARM_UP, samples[-1]["time"] / 3.0)
     used = [sample for sample in samples if sample["time"] >= warm]
     times, names = np.array([sample["time"] for sample in used]), list(used[0]["looks"])
-    report, rows, growths, more = Report("soak", notes=[__doc__ or ""]), [], [], [0, 0]
+    report, rows, growths, more = Report("soak", notes=[__doc__ or ""]), [], [], np.zeros(2, int)
     for name in names:
-        looks = [Look(**sample["looks"][name]) for sample in used]
-        memory = np.array([one.anonymous for one in looks]) / 1024.0
-        growths.append(3600.0 * slope(times, memory))
-        counts = [(looks[0].handles, looks[-1].handles), (looks[0].threads, looks[-1].threads)]
-        more = [max(most, last - first) for most, (first, last) in zip(more, counts, strict=True)]
-        share = 100.0 * (looks[-1].cpu - looks[0].cpu) / (times[-1] - times[0])
-        told = (f"{memory[0]:.1f} – {memory[-1]:.1f}", f"{growths[-1]:.2f}")
-        rows.append((name, *told, *(f"{first} – {last}" for first, last in counts), f"{share:.1f}"))
+        memory, *counts, cpu = np.array([[one["looks"][name][what] for what in WHATS] for one in used]).T
+        growths.append(3600.0 * slope(times, memory / 1024.0))
+        ends = [(int(count[0]), int(count[-1])) for count in counts]
+        more = np.maximum(more, [last - first for first, last in ends])
+        told = f"{memory[0] / 1024.0:.1f} – {memory[-1] / 1024.0:.1f}", f"{growths[-1]:.2f}"
+        share = 100.0 * (cpu[-1] - cpu[0]) / (times[-1] - times[0])
+        rows.append((name, *told, *(f"{first} – {last}" for first, last in ends), f"{share:.1f}"))
     of = Headline("times and memory", f"{len(names)} processes, {times[-1] / 60.0:.0f} minutes")
     grown = used[-1]["shared_bytes"] - used[0]["shared_bytes"]
     report.bounds += [
         Bound("growth of memory, largest of all processes", 1.0, max(growths), "MB/h", headline=of),
-        Bound("descriptors, more at the end, of any process", 0, more[0], ""),
-        Bound("threads, more at the end, of any process", 0, more[1], ""),
+        Bound("descriptors, more at the end, of any process", 0, int(more[0]), ""),
+        Bound("threads, more at the end, of any process", 0, int(more[1]), ""),
         Bound("bytes in /dev/shm, more at the end", 0, grown, ""),
     ]
     columns = ("process", "memory, MB", "growth, MB/h", "descriptors", "threads", "CPU, %")

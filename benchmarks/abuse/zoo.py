@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from benchmarks import commands
@@ -18,7 +17,6 @@ from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
 
-HELP = "recordings written by other libraries: does every command that inspect prints succeed"
 # What a user of so small images and so bare a room would add.
 FEWER_PIXELS = ("--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4")
 SMALL_SPHERES = ("--set-stitcher", "stitch.width=256")
@@ -40,9 +38,8 @@ class Visit:
 def run(options: argparse.Namespace) -> Report:
     """Visit the whole zoo, or every seventh recording from one that the seed says."""
     chosen = exhibits()[options.seed % 7 :: 7] if options.size == "quick" else exhibits()
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
-        keeper = Keeper(Path(name))
-        visits = [keeper.visit(one) for one in chosen]
+    keeper = Keeper(options.folder)
+    visits = [keeper.visit(one) for one in chosen]
     report, rows = Report("zoo"), []
     for v in visits:
         counts = v.num_commands, v.num_refusals, len(v.faults)
@@ -58,18 +55,12 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def joined(text: str) -> str:
-    """Return a text as one line."""
-    return " ".join(text.split())
-
-
 class Keeper:
     """Builds exhibits in a folder and does with each what `inspect` says can be done."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._room = write_room(folder / "room.ply")
-        self._whole: Path | None = None
         self._last: Path | None = None  # a map
 
     def visit(self, exhibit: Exhibit) -> Visit:
@@ -85,7 +76,7 @@ class Keeper:
     def _inspect(self, visit: Visit, exhibit: Exhibit, bag: Path) -> None:
         said = commands.run("inspect", bag, "--json", "offer.json")
         if said.status == 2 or not Path("offer.json").exists():
-            visit.faults.append(f"inspect: expected offers, found {joined(said.err)!r}")
+            visit.faults.append(f"inspect: expected offers, found {said.err!r:.300}")
             return
         offers = json.loads(Path("offer.json").read_text())["jobs"]
         visit.jobs = [offer["job"] for offer in offers if offer["command"]]
@@ -123,7 +114,7 @@ class Keeper:
         if job == "mcl" and said.status == NEVER_FOUND and json.loads(Path("mcl.json").read_text())["images"] > 0:
             return
         if said.status != 0:
-            found = f"status {said.status}: {joined(said.err)[:300] or joined(said.out)[:300]}"
+            found = f"status {said.status}: {(said.err or said.out)!r:.300}"
             visit.faults.append(f"{job}: expected status 0, found {found}")
 
     def _own(self, word: str) -> str:
@@ -132,35 +123,28 @@ class Keeper:
         if word != MAP:
             return word
         made = next(iter(sorted(Path().glob("*_map/map.mcap"))), None)
-        self._last = made.parent.absolute() if made else self._whole_map()
+        self._last = made.parent.absolute() if made else self._whole
         return str(self._last)
 
-    def _whole_map(self) -> Path:
-        """Return a map of the room in all directions."""
-        if self._whole is None:
-            folder = self._folder / "whole"
-            folder.mkdir()
-            bag = Exhibit("rig", partial(six_cameras, num=2)).build(folder)
-            write_rig(folder / RIG_FILE, RIG)
-            words = [f"--camera={name}=/{name}/image_raw" for name in RIG.names]
-            commands.call("map", bag, "-o", folder / "m", "--rig", folder / RIG_FILE, *words, *SMALL_SPHERES)
-            self._whole = folder / "m"
-        return self._whole
+    @cached_property
+    def _whole(self) -> Path:
+        """A map of the room in all directions."""
+        folder = self._folder / "whole"
+        folder.mkdir()
+        bag = Exhibit("rig", partial(six_cameras, num=2)).build(folder)
+        write_rig(folder / RIG_FILE, RIG)
+        words = [f"--camera={name}=/{name}/image_raw" for name in RIG.names]
+        commands.call("map", bag, "-o", folder / "m", "--rig", folder / RIG_FILE, *words, *SMALL_SPHERES)
+        return folder / "m"
 
     def _try_without(self, visit: Visit, job: str, bag: Path) -> None:
         """Run a command that was not offered: it is refused in one line, too."""
-        if job == "map":
-            self._refused(visit, commands.run("map", bag, "-o", "never"))
-        else:
-            sphere_map = self._last or self._whole_map()
-            self._refused(visit, commands.run("localize", sphere_map, bag, "-o", "never.tum"))
-
-    @staticmethod
-    def _refused(visit: Visit, said: commands.Said) -> None:
+        given = [bag] if job == "map" else [self._last or self._whole, bag]
+        said = commands.run(job, *given, "-o", "never.tum")
         visit.num_refusals += 1
         lines = [line for line in said.err.splitlines() if line.strip()]
         if said.status != 2 or len(lines) != 1:
-            found = f"status {said.status}, {len(lines)} lines: {joined(said.err)[:300]}"
+            found = f"status {said.status}, {len(lines)} lines: {said.err!r:.300}"
             visit.faults.append(f"expected a refusal in one line, found {found}")
 
 

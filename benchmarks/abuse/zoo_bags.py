@@ -21,15 +21,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CompressedImage
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.room import HALF_SIDES_M, render
+from benchmarks.room import HALF_SIDES_M, look, make_room
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
 from sphere_nav.ros import conversions
+from sphere_nav.ros.interfaces import schema_text, type_name
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from worlds.rig import RIG_NAMES, vertical_rig
+from worlds.rig import vertical_rig
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-PANORAMA = Spherical(256, 128)
+PANORAMA, ROOM = Spherical(256, 128), make_room(0)
 SECOND, PERIOD, HOUR = 10**9, 10**8, 3600 * 10**9
 EPOCH = 1_700_000_000 * SECOND
 HEIGHT = 1.2  # m of the camera above the floor, on which base_link moves
@@ -52,16 +53,11 @@ for _store in (STORE, OLD_STORE):
 
 
 # --- containers
-def kind_of(message: Any) -> str:
-    """Return the name of the type of a message."""
-    return f"{type(message).__module__.partition('.')[0]}/msg/{type(message).__name__}"
-
-
 def _write_all(writer: Any, store: Any, items: Iterable[Item], pack: Callable[[bytes, str], Any]) -> None:
     """Write messages by a writer of rosbags, each topic with a connection of its own."""
     known: dict[str, Any] = {}
     for topic, ns, message in items:
-        kind = kind_of(message)
+        kind = type_name(type(message))
         if topic not in known:
             known[topic] = writer.add_connection(topic, kind, typestore=store)
         writer.write(known[topic], ns, pack(serialize_message(message), kind))
@@ -107,8 +103,8 @@ def mcap(compression: CompressionType = CompressionType.ZSTD, **options: Any) ->
             writer.start(profile="ros2", library="zoo")
             for topic, ns, message in items:
                 if topic not in channels:
-                    text, _ = STORE.generate_msgdef(kind_of(message), ros_version=2)
-                    schema = writer.register_schema(kind_of(message), "ros2msg", text.encode())
+                    kind = type_name(type(message))
+                    schema = writer.register_schema(kind, "ros2msg", schema_text(kind).encode())
                     channels[topic] = writer.register_channel(topic, "cdr", schema)
                 writer.add_message(channels[topic], ns, serialize_message(message), ns)
             writer.finish()
@@ -126,7 +122,7 @@ def base_pose(number: int) -> SE3:
 @lru_cache(maxsize=256)
 def see(camera: Camera, number: int, T_base_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return grey levels and range (H, W) in m."""
-    return render(camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
+    return look(ROOM, camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
 
 
 def write_room(path: Path) -> Path:
@@ -258,10 +254,10 @@ def six_cameras(*, topic: str = "/{}/image_raw", encoding: str = "mono8", num: i
     edges += [(part.T_rig_camera, "rig_link", f"{part.name}_optical") for part in RIG.cameras]
     found: list[Item] = [("/tf_static", EPOCH, transforms(edges, EPOCH))]
     for number in range(num):
-        for name, part in zip(RIG_NAMES, RIG.cameras, strict=True):
+        for part in RIG.cameras:
             gray, _ = see(part.camera, number, T_BASE_CAMERA @ part.T_rig_camera)
             ns = steady(number)
-            found.append((topic.format(name), ns, encode(gray, encoding, ns, f"{name}_optical")))
+            found.append((topic.format(part.name), ns, encode(gray, encoding, ns, f"{part.name}_optical")))
     return found
 
 

@@ -16,18 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.bare import trials
-from benchmarks.bare.drives import Drive, Studio, kidnapped_line
-from benchmarks.bare.trials import NEAR_M, Trial, run_filter
+from benchmarks.bare.drives import NEAR_M, Drive, Trial, build_town, kidnapped_line, record, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Reason
 
-HELP = "MCL with odometry that stands or slips, carried off: TRACKING beyond 1 m; and what healthy drives lose"
 COUNTS = {"quick": (3, 1), "full": (10, 2)}  # drives of each kind in a town, towns
 NUM_IMAGES, FAULT = 36, 12  # of a drive; the first image that a fault spoils
+STILL = np.zeros(3)  # of the wheels
 GRACE = 3  # images after that
 STEPS = (0.15, 0.5, 1.0)  # between images, m
 MAX_SLIP = 0.3  # of the way, more or less than there was
@@ -53,27 +51,17 @@ def run(options: argparse.Namespace) -> Report:
 
 def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
     """Add what the filter says of the drives of one town, by fault."""
-    site, plan = trials.town(town)
-    studio, drives = Studio("town", town), []
+    site, plan = build_town(town)
+    drives = []
     for number in range(count):
         rng = np.random.default_rng([town, number, 113])
         line = kidnapped_line(plan, NUM_IMAGES, STEPS[number % len(STEPS)], rng)
-        drives.append(studio.record(line, 900 + number))
+        drives.append(record(town, line, 900 + number))
     for number, drive in enumerate(drives):
         start = drive.truth(0) + START_SIGMA * np.random.default_rng([number, 127]).standard_normal(3)
         for name, spoil in FAULTS.items():
             spoiled = spoil(drive, drives[number - 1], number / max(count - 1, 1))
-            found[name].append(run_filter(site, spoiled, number, start=(start, START_SIGMA)))
-
-
-def healthy(drive: Drive, other: Drive, share: float) -> Drive:
-    """Return the drive as it is."""
-    return drive
-
-
-def frozen(drive: Drive, other: Drive, share: float) -> Drive:
-    """Return the drive with odometry that stands still while the car drives on."""
-    return replace(drive, odometry=_going_on(drive, [np.zeros(3)] * (NUM_IMAGES - FAULT)))
+            found[name].append(run_filter(site, spoiled.steps(), number, start=(start, START_SIGMA)))
 
 
 def slipping(drive: Drive, other: Drive, share: float) -> Drive:
@@ -89,13 +77,18 @@ def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
     def spliced(name: Callable[[Drive], NDArray[Any]]) -> NDArray[Any]:
         return np.concatenate([name(drive)[:FAULT], name(other)[FAULT:]])
 
-    motions = [np.zeros(3), *(relative_motion(*pair) for pair in pairwise(other.odometry[FAULT:]))]
+    motions = [STILL, *(relative_motion(*pair) for pair in pairwise(other.odometry[FAULT:]))]
     images, tilts = spliced(lambda one: one.images), spliced(lambda one: one.tilts)
     T_map_base = SE3.from_matrix(spliced(lambda one: one.T_map_base.matrix))
     return Drive(images, T_map_base, _going_on(drive, motions), tilts)
 
 
-FAULTS: dict[str, Fault] = {"healthy": healthy, "frozen": frozen, "slipping": slipping, "carried off": carried_off}
+FAULTS: dict[str, Fault] = {
+    "healthy": lambda drive, other, share: drive,
+    "frozen": lambda drive, other, share: replace(drive, odometry=_going_on(drive, [STILL] * (NUM_IMAGES - FAULT))),
+    "slipping": slipping,
+    "carried off": carried_off,
+}
 
 
 def _going_on(drive: Drive, motions: Sequence[Array]) -> Array:
@@ -114,15 +107,11 @@ def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
     images = sum(len(trial.states) - FAULT - GRACE for trial in trials)
     before = np.mean([trial.is_tracking[FAULT - 1] & trial.is_right[FAULT - 1] for trial in trials])
     degraded = _later(trials, lambda trial: trial.is_trusted & ~trial.is_tracking & ~trial.is_right)
-    return (
-        name,
-        str(len(trials)),
-        f"{100.0 * before:.0f} %",
-        f"{_later(trials, lambda trial: trial.is_tracking)} of {images}",
-        str(_later(trials, lambda trial: trial.is_tracking & ~trial.is_right)),
-        str(degraded),
-        f"{100.0 * np.mean([trial.has_converged for trial in trials]):.0f} %",
-    )
+    shares = before, np.mean([trial.has_converged for trial in trials])
+    begun, ended = (f"{100.0 * share:.0f} %" for share in shares)
+    tracked = f"{_later(trials, lambda trial: trial.is_tracking)} of {images}"
+    wrong = _later(trials, lambda trial: trial.is_tracking & ~trial.is_right)
+    return name, str(len(trials)), begun, tracked, str(wrong), str(degraded), ended
 
 
 def _bounds(found: dict[str, list[Trial]]) -> list[Bound]:

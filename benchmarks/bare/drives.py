@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +17,20 @@ from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import panorama
 from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.paths import Path, Piece, turn
-from cycab_sim.world.town import Plan
+from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.traffic.traffic import Traffic
-from cycab_sim.world.worlds import World, build_world
+from cycab_sim.world.worlds import World, build_world, geometry_cloud
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
+from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.filter import Filter
+from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.params import FilterParams
+from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
 
 RADIUS = 5.0  # of the bends of a way, m
 SIDE = 100.0  # of the part of the town that is considered, m
@@ -35,7 +44,10 @@ TILT_DEG = 0.2  # of the IMU
 CLEAR = 1.2  # room around the camera that traffic leaves free, m
 READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
 SHADOWLESS = LightParams(exposure=0.5)
+Step = tuple[Observation, Array]  # and x, y, yaw (3,) of the level camera in the map
 LIGHTS = (LightParams(), LightParams(sun="95,20", exposure=0.7), LightParams(sun="320,60", exposure=1.2), SHADOWLESS)
+SPACING = 0.2  # of the points of a cloud, m
+NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +59,12 @@ class Drive:
     odometry: Array
     tilts: Array  # R_level_base as the IMU has it
 
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def observation(self, index: int) -> Observation:
-        """Return what the filter takes for one image."""
-        T_base_level = SE3.from_parts(np.eye(3), T_BASE_CAMERA.translation)
-        T_odom_level = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_level
-        rotation = self.tilts[index]
-        return Observation(self.images[index], PANORAMA, (index + 1) * 10**9, rotation, T_odom_level)
+    def steps(self) -> Iterator[Step]:
+        """Yield what the filter takes for each image, and the true place."""
+        for index, image in enumerate(self.images):
+            T_odom_level = SE3.from_planar(*map(float, self.odometry[index])) @ T_BASE_CAMERA
+            observation = Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], T_odom_level)
+            yield observation, self.truth(index)
 
     @property
     def mirrored(self) -> Drive:
@@ -71,48 +80,31 @@ class Drive:
         return np.array([place[0], place[1], float(T_map_base.yaw)])
 
 
-@dataclass(frozen=True)
-class Studio:
-    """A world of a seed in which drives are recorded."""
-
-    world: str
-    seed: int
-
-    def record(self, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
-        """Return a drive along planar poses (K, 3) of the base; `seed` decides every noise."""
-        rng = np.random.default_rng([self.seed, seed, 71])
-        T_map_base = self._on_ground(line)
-        images = self._images(T_map_base, light, seed)
-        return Drive(images, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
-
-    def _on_ground(self, line: Array) -> SE3:
-        ground, vehicle = _built(self.world, self.seed).ground, CarParams()
-        poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
-        return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
-
-    def _images(self, T_map_base: SE3, light: LightParams, seed: int) -> NDArray[np.uint8]:
-        renderer, traffic = _renderer(self.world, self.seed, light)
-        images = []
-        for index in range(len(T_map_base.matrix)):
-            T_map_camera = T_map_base[index] @ T_BASE_CAMERA
-            if traffic is not None:
-                stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
-                renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
-            images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
-        return np.stack(images)
+def record(town: int, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
+    """Return a drive through a town along planar poses (K, 3) of the base; `seed` decides every noise."""
+    rng, images, poses = np.random.default_rng([town, seed, 71]), [], []
+    renderer, traffic = _renderer(town, light)
+    for index, pose in enumerate(line):
+        poses.append(on_ground(_built(town).ground, pose))
+        T_map_camera = poses[-1] @ T_BASE_CAMERA
+        stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
+        renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
+        levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
+        images.append(expose(levels, READ_NOISE, SHOT_NOISE, (town, seed, index)))
+    T_map_base = SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
+    return Drive(np.stack(images), T_map_base, noisy_odometry(line, rng), _tilts(T_map_base, rng))
 
 
 @lru_cache(maxsize=2)
-def _built(world: str, seed: int) -> World:
-    return build_world(world, seed, "block")
+def _built(seed: int) -> World:
+    return build_world("town", seed, "block")
 
 
 @lru_cache(maxsize=2)
-def _renderer(world: str, seed: int, light: LightParams) -> tuple[Renderer, Traffic | None]:
-    """Return what draws a world, and who moves in it: cars, a tram, bicycles, pedestrians in the town's streets."""
-    built = _built(world, seed)
-    traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed) if built.loops else None
+def _renderer(seed: int, light: LightParams) -> tuple[Renderer, Traffic]:
+    """Return what draws a town, and who moves in its streets: cars, a tram, bicycles, pedestrians."""
+    built = _built(seed)
+    traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed)
     return Renderer(built.mesh, shadows_in(light), light, traffic), traffic
 
 
@@ -121,7 +113,14 @@ def shadows_in(light: LightParams) -> RenderParams:
     return RenderParams(shadow_texel=0.0) if light == SHADOWLESS else RenderParams()
 
 
-def _odometry(line: Array, rng: np.random.Generator) -> Array:
+def on_ground(ground: Any, pose: Array) -> SE3:
+    """Return where a car stands at a planar pose (3,)."""
+    vehicle = CarParams()
+    T_world_base: SE3 = ground.follow(SE3.from_planar(*map(float, pose)), vehicle.wheelbase, vehicle.width)
+    return T_world_base
+
+
+def noisy_odometry(line: Array, rng: np.random.Generator) -> Array:
     """Return the way as noisy wheels have it, from the origin."""
     poses = [np.zeros(3)]
     for before, after in pairwise(line):
@@ -151,22 +150,17 @@ def kidnapped_line(plan: Plan, count: int, step: float, rng: np.random.Generator
     """Return poses (count, 3) from anywhere in the streets onwards; at a crossing by lot left, right or straight on."""
     x0, y0, x1, y1 = limits(plan)
     while True:
-        poses = sampled(_drawn(plan, rng), step, count)
+        poses = _drawn(plan, rng).at(np.arange(count) * step)[:, :3]
         inside = (poses[:, 0] > x0 + MARGIN) & (poses[:, 0] < x1 - MARGIN)
         if np.all(inside & (poses[:, 1] > y0 + MARGIN) & (poses[:, 1] < y1 - MARGIN)):
             return poses
 
 
-def sampled(path: Path, step: float, count: int) -> Array:
-    """Return poses (count, 3) along a path; round again where more are wanted than it is long."""
-    return path.at(np.arange(count) * step)[:, :3]
-
-
-def kidnapped(studio: Studio, plan: Plan, count: int, num_images: int, lights: Sequence[LightParams]) -> list[Drive]:
-    """Return drives from anywhere, each with one of the lights; images are a metre apart."""
-    lines = [kidnapped_line(plan, num_images, 1.0, np.random.default_rng([studio.seed, n, 83])) for n in range(count)]
-    order = sorted(range(count), key=lambda number: number % len(lights))  # shadows are cast once for each light
-    made = {n: studio.record(lines[n], n, lights[n % len(lights)]) for n in order}
+def kidnapped(town: int, count: int, num_images: int) -> list[Drive]:
+    """Return drives from anywhere in a town, each with one of the lights; images are a metre apart."""
+    plan, order = draw_plan(town), sorted(range(count), key=lambda n: n % len(LIGHTS))  # shadows are cast once
+    lines = [kidnapped_line(plan, num_images, 1.0, np.random.default_rng([town, n, 83])) for n in range(count)]
+    made = {n: record(town, lines[n], n, LIGHTS[n % len(LIGHTS)]) for n in order}
     return [made[number] for number in range(count)]
 
 
@@ -187,3 +181,81 @@ def _drawn(plan: Plan, rng: np.random.Generator) -> Path:
         side = 1.0 if choice == 1 else -1.0  # left, right
         pieces = (Piece(min(ways) + side * right - RADIUS), turn(RADIUS, side * 90.0), Piece(1.0))
     return Path((float(start[0]), float(start[1]), float(yaw)), pieces)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a filter said of K images: state and reason, errors of the likeliest place, CPU, all (K,)."""
+
+    states: tuple[State, ...]
+    reasons: tuple[str, ...]
+    meters: Array
+    degrees: Array
+    p_chance: Array
+    cpu_ms: Array
+
+    @property
+    def is_right(self) -> NDArray[np.bool_]:
+        """Whether the likeliest place was the right one, (K,)."""
+        return (self.meters <= NEAR_M) & (self.degrees <= NEAR_DEG)
+
+    @property
+    def is_tracking(self) -> NDArray[np.bool_]:
+        """Whether the status was TRACKING, (K,)."""
+        return np.array([state is State.TRACKING for state in self.states])
+
+    @property
+    def is_trusted(self) -> NDArray[np.bool_]:
+        """Whether a pose left the filter: TRACKING or DEGRADED, (K,)."""
+        return np.array([state in (State.TRACKING, State.DEGRADED) for state in self.states])
+
+    @property
+    def has_converged(self) -> bool:
+        """Whether the last image found the filter in TRACKING at the right place."""
+        return bool(self.is_tracking[-1] and self.is_right[-1])
+
+    @property
+    def num_false(self) -> int:
+        """Images with the status TRACKING at a wrong place."""
+        return int(np.sum(self.is_tracking & ~self.is_right))
+
+
+def build_town(seed: int, share: float = 1.0) -> tuple[Site, Plan]:
+    """Return the 100 x 100 m around the middle of a town, or a share of it from the left, and the town's plan."""
+    plan, cloud = draw_plan(seed), geometry_cloud(seed, SPACING, "town")
+    x0, y0, x1, y1 = limits(plan)
+    box = {"area.limits": f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"}
+    return Site(cloud_from_points(cloud.astype(np.float32), "town"), HEIGHT, build(FilterParams, box)), plan
+
+
+def run_filter(site: Site, steps: Iterable[Step], seed: int, start: tuple[Array, Array] | None = None) -> Trial:
+    """Return what a filter says of the images of a drive.
+
+    It knows nothing, or a `start`: pose (3,) and standard deviations (3,).
+    """
+    filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
+    if start is not None:
+        (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
+        covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
+        filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
+    found: list[tuple[Any, ...]] = []
+    for observation, truth in steps:
+        begun = time.process_time()
+        estimate = filter_.update(observation)
+        cpu_ms = 1e3 * (time.process_time() - begun)
+        error, status = place_of(estimate) - truth, estimate.status
+        degrees = abs(float(np.degrees(wrap_angle(error[2]))))
+        meters = float(np.hypot(*error[:2]))
+        found.append((status.state, str(status.reason), meters, degrees, status.p_chance, cpu_ms))
+    states, reasons, *numbers = zip(*found, strict=True)
+    return Trial(states, reasons, *map(np.array, numbers))
+
+
+def place_of(estimate: Any) -> Array:
+    """Return x, y, yaw (3,) of what leaves the filter, else of its likeliest place, else NaN."""
+    if estimate.T_map_level is not None:
+        T_map_level: SE3 = estimate.T_map_level
+        return np.array([*T_map_level.translation[:2], float(T_map_level.yaw)])
+    if estimate.belief is not None:
+        return np.asarray(estimate.belief.best.pose)
+    return np.full(3, np.nan)

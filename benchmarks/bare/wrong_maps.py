@@ -7,13 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.bare import trials
-from benchmarks.bare.drives import LIGHTS, Drive, Studio, kidnapped, kidnapped_line
-from benchmarks.bare.trials import Trial, run_filter
+from benchmarks.bare.drives import LIGHTS, Drive, Trial, build_town, kidnapped, kidnapped_line, record, run_filter
 from benchmarks.report import Bound, Headline, Report, Table
-from cycab_sim.world.town import Plan, draw_plan
+from cycab_sim.world.town import Plan
 
-HELP = "images in the cloud of another town, mirrored, and from beside the map: nothing may be claimed"
 COUNTS = {"quick": 2, "full": 50}  # drives of each case in each town
 TOWNS = {"quick": 1, "full": 4}
 MAX_CLAIMS, FOUND = 0.5, 95.0  # of the starts in a wrong map, in the right one, %
@@ -27,16 +24,14 @@ def run(options: argparse.Namespace) -> Report:
     found: dict[str, list[Trial]] = {"right map": [], "another town": [], "mirrored": [], "the other half": []}
     count = COUNTS[options.size]
     for seed in range(options.seed, options.seed + TOWNS[options.size]):
-        here, plan = trials.town(seed)
-        own = kidnapped(Studio("town", seed), plan, count, NUM_IMAGES, LIGHTS)
-        other = Studio("town", seed + 1000)
-        foreign = kidnapped(other, draw_plan(other.seed), count, NUM_IMAGES, LIGHTS)
+        here, plan = build_town(seed)
+        own, foreign = (kidnapped(town, count, NUM_IMAGES) for town in (seed, seed + 1000))
         for name, drives in (("right map", own), ("another town", foreign), ("mirrored", [d.mirrored for d in own])):
-            found[name] += [run_filter(here, drive, number) for number, drive in enumerate(drives)]
+            found[name] += [run_filter(here, drive.steps(), number) for number, drive in enumerate(drives)]
         if options.size == "full":
-            half, _ = trials.town(seed, KEPT)
-            beside = _beside(Studio("town", seed), plan, count)
-            found["the other half"] += [run_filter(half, drive, number) for number, drive in enumerate(beside)]
+            half, _ = build_town(seed, KEPT)
+            beside = _beside(seed, plan, count)
+            found["the other half"] += [run_filter(half, drive.steps(), number) for number, drive in enumerate(beside)]
     report = Report("wrong_maps")
     report.tables.append(Table("What was claimed", HEAD, [(name, *_figures(f)) for name, f in found.items() if f]))
     right = found.pop("right map")
@@ -50,9 +45,9 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def _beside(studio: Studio, plan: Plan, count: int) -> list[Drive]:
+def _beside(town: int, plan: Plan, count: int) -> list[Drive]:
     """Return drives all of whose poses are beyond the part of the town that is the map."""
-    rng = np.random.default_rng([studio.seed, 7])
+    rng = np.random.default_rng([town, 7])
     edge = plan.east / 2 + AWAY  # `KEPT` of the square around the middle
     lines: list[np.ndarray] = []
     while len(lines) < count:
@@ -60,7 +55,7 @@ def _beside(studio: Studio, plan: Plan, count: int) -> list[Drive]:
         if np.all(line[:, 0] > edge):
             lines.append(line)
     share = -(-count // len(LIGHTS))  # one light after the other: shadows are cast once
-    return [studio.record(line, 500 + n, LIGHTS[n // share]) for n, line in enumerate(lines)]
+    return [record(town, line, 500 + n, LIGHTS[n // share]) for n, line in enumerate(lines)]
 
 
 def _figures(found: Sequence[Trial]) -> tuple[str, ...]:

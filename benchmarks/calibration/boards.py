@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report
 from rig_calibration.boards import rejection
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
+from sphere_nav_tools.offline.board_images import detect_boards
 
-HELP = "recorded boards: residuals beside OpenCV's on the same corners"
 BOARD = Board("board", 9, 6, 0.1)
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
 SETS = (  # model, size, cameras
@@ -35,7 +32,9 @@ def run(options: argparse.Namespace) -> Report:
         return report
     told = Headline("map", "checkerboard, opencv_stereo and camodocal_fisheye", "1 (OpenCV)")
     for name, model, size, cameras in SETS:
-        views = [view for camera in cameras for view in _views(folder / name, camera)]
+        paths = {camera: sorted((folder / name).glob(f"{camera}[0-9]*.*g")) for camera in cameras}
+        files = {camera: {path.stem.removeprefix(camera): path for path in found} for camera, found in paths.items()}
+        _, views = detect_boards(files, (BOARD,))
         specs = [CameraSpec(camera, model, size) for camera in cameras]
         with patch.multiple(rejection, CORNER_LIMIT=1e6, VIEW_RATIO=1e6):  # all corners count, as they do there
             residuals = calibrate(specs, (BOARD,), views).residuals
@@ -44,18 +43,6 @@ def run(options: argparse.Namespace) -> Report:
         what = f"{name}: RMS on the same corners by OpenCV's"
         report.bounds.append(Bound(what, 1.0001, ratio, "x", headline=told))
     return report
-
-
-def _views(folder: Path, camera: str) -> list[BoardView]:
-    """Return what is detected."""
-    views = []
-    for path in sorted(folder.glob(f"{camera}[0-9]*.*g")):
-        image: NDArray[np.uint8] = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)
-        seen = detect_all(image, [BOARD]).get(BOARD.name)
-        if seen is not None:
-            numbers, pixels = seen
-            views.append(BoardView(camera, path.stem.removeprefix(camera), BOARD.name, numbers, pixels))
-    return views
 
 
 def _corners(views: list[BoardView], camera: str) -> list[Any]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,6 @@ from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav_tools.cli.demo.report import read_truth
 
-HELP = "lenses of 80 to 30 degrees, a low camera and a first night in a map of one sunny day"
 DAY, NIGHT = (Drive(*one, 1, MAX_CLOUDS).parameters for one in ((1, ""), (2, "night_lamps")))
 LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}
 
@@ -59,18 +57,9 @@ def run(options: argparse.Namespace) -> Report:
     """Teach, map, drive, judge."""
     way, is_quick = Way(options.seed, LENGTHS_M[options.size]), options.size == "quick"
     rows = [row for row in ROWS if not (is_quick and row.name in QUICK)]
-    with tempfile.TemporaryDirectory() as folder:
-        found = measure(way, rows, Path(folder))
-    table = Table(f"{way.length_m:g} m of a street", COLUMNS, [cells(*one) for one in zip(rows, found, strict=True)])
-    bounds = [bound for one in zip(rows, found, strict=True) for bound in judge(*one, table.title)]
-    return Report("lenses", [table], bounds, [__doc__ or ""])
-
-
-def measure(way: Way, rows: list[Row], folder: Path) -> list[Found]:
-    """Return how each drive was localised."""
-    taught, found = way.teach(folder), list[Found]()
+    taught, found = way.teach(options.folder), list[Found]()
     for number, row in enumerate(rows):
-        bag, words = folder / row.name.split(",")[0], list[object]()
+        bag, words = options.folder / row.name.split(",")[0], list[object]()
         if not bag.exists():
             way.record(bag, row.parameters, by_rig=False)
             if row.longer:
@@ -78,9 +67,12 @@ def measure(way: Way, rows: list[Row], folder: Path) -> list[Found]:
         if row.is_given:
             T_map = taught.T_map[0] @ taught.T_world[0].inverse() @ read_truth(bag).T_map_body[0]
             words = ["--initial-pose", ",".join(f"{x:.6f}" for x in (*T_map.translation, *T_map.quaternion))]
-        found.append(localise(folder / "map", bag, folder / f"found_{number}", taught, *words))
+        said = options.folder / f"found_{number}"
+        found.append(localise(options.folder / "map", bag, said, taught, *words))
         print(" | ".join(cells(row, found[-1])), file=sys.stderr, flush=True)
-    return found
+    table = Table(f"{way.length_m:g} m of a street", COLUMNS, [cells(*one) for one in zip(rows, found, strict=True)])
+    bounds = [bound for one in zip(rows, found, strict=True) for bound in judge(*one, table.title)]
+    return Report("lenses", [table], bounds, [__doc__ or ""])
 
 
 def tell_lens(bag: Path, longer: float) -> Path:

@@ -7,24 +7,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
-from pathlib import Path
 
 from benchmarks.commands import run as run_command
 from benchmarks.report import Bound, Headline, Report
 
-HELP = "490 m through a city with traffic, pedestrians and a change of light (takes half an hour)"
 PATHS = {"quick": ("--path", "straight"), "full": ("--path", "tour", "--traffic")}
 
 
 def run(options: argparse.Namespace) -> Report:
     """Teach, drive, compare."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "demo"
-        said = run_command("demo", "-o", folder, "--seed", options.seed, *PATHS[options.size])
-        if not (folder / "result.json").is_file():
-            raise ValueError(f"demo: expected result.json, found {said.out.strip().splitlines()[-1]}")
-        found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    folder = options.folder / "demo"
+    said = run_command("demo", "-o", folder, "--seed", options.seed, *PATHS[options.size])
+    if not (folder / "result.json").is_file():
+        raise ValueError(f"demo: expected result.json, found {said.out.strip().splitlines()[-1]}")
+    found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     of = Headline("drives and missions", f"{found['length_m']:.0f} m of a town on another day, by one camera")
     bounds = [
         Bound("drive by one camera, lateral RMSE", 3.0, 100 * found["lateral_rmse_m"], "cm", headline=of),

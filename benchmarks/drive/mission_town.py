@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
+from unittest.mock import Mock
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.drive.ways import rounded_way
+from benchmarks.drive.street import rounded_way
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.path import Pose2
@@ -74,72 +75,63 @@ class Driven:
 class Town:
     """The network, the nodes, the car, and who walks before it."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, network: Network | None = None) -> None:
         self.rng = np.random.default_rng(seed)
-        self.network = self._network()
+        self.network = network or tour_network()
         self.length = sum(edge.length for edge in self.network.edges.values())
         write_network(folder / "city.geojson", self.network)
         self.bus = OfflineBus(start_ns=1_000_000_000)
         cruise = {"speed.cruise": CRUISE, "enable_stamped_cmd_vel": True}
         self.follower = self.bus.add(PathFollowerNode, cruise)
-        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.cruise": CRUISE}
-        values |= {"mission.memory": 60.0}
-        self.navigator = self.bus.add(RouteNavigator, values)
+        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.memory": 60.0}
+        self.navigator = self.bus.add(RouteNavigator, values | {"mission.cruise": CRUISE})
         self.shell = cast("OfflineShell", self.navigator.endpoints)
         mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")
         self.bus.publish("/tf_static", TFMessage(transforms=[mounted]))
-        edge, pose = self._spot("square")
-        self.here, self.edge = "square", edge
-        self.car = Vehicle(VehicleState(*pose), CarParams(), ActuatorParams())
+        self.here = "square"
+        self.car = Vehicle(VehicleState(*self._spot(self.here)), CarParams(), ActuatorParams())
         self.command = VehicleCommand()
         self.pending: list[tuple[int, Pose2]] = []
         self.walkers: list[tuple[Array, int]] = []  # where, and until when
-        self.next_walker = 0.0
+        self.next_walker, self.is_standing = 0.0, True
         curves = [edge.curve for edge in self.network.edges.values()]
         points = [pose for curve in curves for pose in zip(curve.x, curve.y, curve.yaw, strict=True)]
         self.points = np.array([self.placed(Pose2(*pose)) for pose in points])
         self.tree = cKDTree(features(*self.points.T))
 
-    def _network(self) -> Network:
-        return tour_network()
-
-    def _spot(self, place: str) -> tuple[int, Pose2]:
-        node = self.network.nodes[self.network.places[place]]
-        return self.network.departures(node.id)[0].id, node.pose
+    def _spot(self, place: str) -> Pose2:
+        return self.network.nodes[self.network.places[place]].pose
 
     # --- a mission
     def drive(self) -> Driven:
         """Drive to another place."""
         goals = [name for name in PLACES if name in self.network.places and name != self.here]
         driven = Driven(self.here, str(self.rng.choice(goals)))
-        for _ in range(SETTLE):
-            self.step(Driven("", ""), may_walk=False)
+        self.pause(SETTLE)
         check, begin, _ = self.shell.actions["navigate"]
-        asked = Offered(Navigate.Goal(place=driven.goal))
+        asked = Mock(request=Navigate.Goal(place=driven.goal))  # a goal as a client of the action sees it
         check(asked.request)
         begin(asked)
         end = self.bus.now_ns + round(PATIENCE * 1e9)
-        while asked.result is None and self.bus.now_ns < end:
+        while not asked.finish.called and self.bus.now_ns < end:
             self.step(driven, may_walk=True)
         self.walkers = []
-        if asked.result is None:
-            driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
-        else:
-            driven.is_arrived, driven.reason = asked.result.success, asked.result.reason
-            driven.distance = asked.result.distance
+        driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
+        for result in asked.finish.call_args.args if asked.finish.called else ():
+            driven.is_arrived, driven.reason, driven.distance = result.success, result.reason, result.distance
         if driven.is_arrived:
             self.here = driven.goal
-        else:
-            self.restart()
-        return driven
-
-    def restart(self) -> None:
-        """Bring the car to a place by hand."""
-        for _ in range(200):
-            self.step(Driven("", ""), may_walk=False)
+            return driven
+        self.pause(200)  # else the car is brought to a place by hand
         self.follower.loop.ask("stop")
         self.here = "church"
-        self.put(self._spot(self.here)[1])
+        self.put(self._spot(self.here))
+        return driven
+
+    def pause(self, count: int) -> None:
+        """Let so many steps pass between missions."""
+        for _ in range(count):
+            self.step(Driven("", ""), may_walk=False)
 
     def placed(self, pose: Pose2) -> Pose2:
         """Return where a pose of the network truly is."""
@@ -148,8 +140,7 @@ class Town:
     def put(self, pose: Pose2) -> None:
         """Put the car down, and let the nodes see it there."""
         self.car.state = VehicleState(*pose)
-        for _ in range(40):
-            self.step(Driven("", ""), may_walk=False)
+        self.pause(40)
 
     # --- time
     def step(self, driven: Driven, *, may_walk: bool) -> None:
@@ -219,37 +210,13 @@ class Town:
             across = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
             is_touched = -0.35 - WALKER < along < 1.55 + WALKER and abs(across) < 0.6 + WALKER
             driven.contacts += int(is_touched and abs(state.speed) > 0.02)
-        if mission.course is None or abs(state.speed) < 0.05 or mission.progress < 10.0:
-            self._count_stop(driven)
-            return
-        x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]
-        error = math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x)
-        driven.lateral.append(error)
-        self.is_standing = False
-
-    is_standing = True
-
-    def _count_stop(self, driven: Driven) -> None:
-        """Count a stand under way that no walker explains."""
-        mission = self.navigator.mission
-        is_new = mission.course is not None and mission.progress >= 10.0 and not self.is_standing
-        if is_new and mission.state == "DRIVING" and not mission.reason and mission.distance_remaining > 1.0:
-            driven.stops += 1
-        self.is_standing = True
-
-
-class Offered:
-    """A goal as a client of the action sees it."""
-
-    def __init__(self, request: Navigate.Goal) -> None:
-        self.request, self.result = request, cast("Navigate.Result | None", None)
-
-    def publish(self, feedback: Navigate.Feedback) -> None:
-        """Take feedback."""
-
-    def finish(self, result: Navigate.Result, *, success: bool) -> None:
-        """Take the result."""
-        self.result = result
+        is_under_way = mission.course is not None and mission.progress >= 10.0
+        had_stood, self.is_standing = self.is_standing, not is_under_way or abs(state.speed) < 0.05
+        if not self.is_standing:
+            x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]
+            driven.lateral.append(math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x))
+        elif is_under_way and not had_stood and mission.state == "DRIVING" and not mission.reason:
+            driven.stops += mission.distance_remaining > 1.0  # that no walker explains
 
 
 # --- the network

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.commands import call
-from benchmarks.drive.mission_cameras import Taught, record_drive
+from benchmarks.commands import call, read_states
+from benchmarks.drive.missions import Taught, record_drive
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_file_text
@@ -29,34 +29,31 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import message_to_status, stamp_ns
+from sphere_nav.ros.conversions import stamp_ns
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
-from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION
 from sphere_nav_tools.cli.demo.report import read_truth
 
-HELP = "a way of the simulator repeated in nine lights and seasons; the map grows where it was not tracked"
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
-WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m
+STRAIGHT_M = 30.0  # of the shorter path of the simulator; the other has two turns
 WELL_TRACKED = 0.99  # share of a drive's images; what is below it is driven by the rig and extends the map
 MAX_CLOUDS = 0.7  # share of the sun that passing clouds take, at most
 MOVING_M_S = 0.05  # slower is standing: a drive begins when the vehicle does
 WRONG_M = 0.3  # off the truth
-FULL, QUICK, QUICK_KINDS = (30, 100.0), (2, 4.0), ("", "low_sun")  # drives and metres
+SIZES = {"quick": (2, 4.0, ("", "low_sun")), "full": (30, 100.0, KINDS)}  # drives, metres, kinds
 MAX_SIZE, MAX_RMSE_M = 2.0, 0.03  # of the last map by the first one
 COLUMNS = ("drive", "kind", "visit", "images", "TRACKING", "start", "wrong", "lateral RMSE", "map", "then")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Teach, repeat, and judge."""
-    is_quick = options.size == "quick"
-    count, length_m = QUICK if is_quick else FULL
-    drives = draw_drives(count, options.seed, QUICK_KINDS if is_quick else KINDS)
-    with tempfile.TemporaryDirectory() as folder:
-        repeats = Repeats(Way(options.seed, length_m), Path(folder))
-        for drive in drives:
-            repeats.repeat(drive)
-            print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
-        sizes = [(one / FILE_NAME).stat().st_size for one in (repeats.maps[0], repeats.maps[-1])]
+    count, length_m, kinds = SIZES[options.size]
+    drives = draw_drives(count, options.seed, kinds)
+    repeats = Repeats(Way(options.seed, length_m), options.folder)
+    for drive in drives:
+        repeats.repeat(drive)
+        print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
+    sizes = [(one / FILE_NAME).stat().st_size for one in (repeats.maps[0], repeats.maps[-1])]
     title = f"{count} repeats of {length_m:g} m"
     report = Report("repeats", [Table(title, COLUMNS, repeats.rows)], notes=[__doc__ or "", *repeats.notes])
     report.bounds += judge(repeats.found, sizes[1] / sizes[0], f"{title} in {len({d.kind for d in drives})} lights")
@@ -85,20 +82,12 @@ class Way:
     seed: int
     length_m: float
 
-    @property
-    def path(self) -> str:
-        """The shortest path that is long enough."""
-        return next((name for name, length in WAYS if self.length_m <= length), WAYS[-1][0])
-
-    def simulation(self, more: dict[str, Any]) -> dict[str, Any]:
-        """Return the parameters of a drive."""
-        place = dict(TOUR) if self.path == "tour" else {"path": self.path}
-        return SIMULATION | {"seed": self.seed, "mode": "teach"} | place | more
-
     def record(self, bag: Path, more: dict[str, Any], *, by_rig: bool) -> None:
         """Drive along the way by the simulator's driver; write what its node would publish."""
+        path = "straight" if self.length_m <= STRAIGHT_M else "two_turns"
         seen = {"camera.period": 0.0} if by_rig else {"rig.kind": "none"}
-        simulator = Simulator(build(SimParams, self.simulation(more | seen)))
+        values = SIMULATION | {"seed": self.seed, "mode": "teach", "path": path} | more | seen
+        simulator = Simulator(build(SimParams, values))
         record_drive(simulator, bag, self.length_m)
         if simulator.rig is not None:
             (bag / "rig.yaml").write_text(rig_file_text(simulator.rig, ""), encoding="utf-8")
@@ -137,12 +126,11 @@ def draw_drives(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[D
     rng = np.random.default_rng([seed, 26])
     rounds = -(-count // len(kinds))
     order = [kinds[k] for _ in range(rounds) for k in rng.permutation(len(kinds))][:count]
-    clouds = [
-        round(float(np.random.default_rng([seed, number]).uniform(0.0, MAX_CLOUDS)), 2) for number in range(count)
-    ]
-    return [
-        Drive(number + 1, kind, order[: number + 1].count(kind), clouds[number]) for number, kind in enumerate(order)
-    ]
+    drives = []
+    for number, kind in enumerate(order):
+        clouds = round(float(np.random.default_rng([seed, number]).uniform(0.0, MAX_CLOUDS)), 2)
+        drives.append(Drive(number + 1, kind, order[: number + 1].count(kind), clouds))
+    return drives
 
 
 @dataclass(frozen=True)
@@ -188,12 +176,13 @@ def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught, *words: 
     truth = read_truth(bag)
     with BagReader(bag) as reader:
         images = np.array([stamp_ns(item.message) for item in reader.messages(["/image_raw"])])
-    states = _states(folder / "said") if (folder / "said").is_dir() else {}
-    moving = images[images >= _departure_ns(truth)]
-    tracked = np.array([stamp for stamp in images if states.get(stamp, ("", ""))[0] == "TRACKING"], dtype=np.int64)
-    told = [states.get(stamp, ("no answer", "")) for stamp in moving]
-    counts = {one: told.count(one) for one in dict.fromkeys(told) if one[0] != "TRACKING"}
-    why = ", ".join(f"{number} {state} {reason}".strip() for (state, reason), number in counts.items()) or problem
+    states = read_states(folder / "said") if (folder / "said").is_dir() else {}
+    speeds = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1) / (np.diff(truth.stamps_ns) * 1e-9)
+    moving = images[images >= truth.stamps_ns[int(np.argmax(speeds > MOVING_M_S))]]
+    told = {stamp: states.get(stamp, ("no answer", "")) for stamp in images.tolist()}
+    tracked = np.array([stamp for stamp, (state, _) in told.items() if state == "TRACKING"], dtype=np.int64)
+    counts = Counter(" ".join(told[stamp]).strip() for stamp in moving.tolist() if told[stamp][0] != "TRACKING")
+    why = ", ".join(f"{number} {what}" for what, number in counts.items()) or problem
     if not len(tracked):
         return Found(len(moving), 0.0, float("nan"), why, np.empty((0, 6)), np.empty(0))
     poses = read_tum(folder / "poses.tum")
@@ -209,19 +198,6 @@ def deviations(estimate: Trajectory, truth: Trajectory, taught: Taught) -> tuple
     rows = np.array(off).reshape(-1, 6)
     assert poses.covariances is not None
     return rows, np.sqrt(np.einsum("ni,nij,nj->n", rows, np.linalg.inv(poses.covariances), rows))
-
-
-def _states(bag: Path) -> dict[int, tuple[str, str]]:
-    """Return state and reason by the stamp of the image."""
-    with BagReader(bag) as reader:
-        found = [(stamp_ns(item.message), message_to_status(item.message)) for item in reader.messages(["/status"])]
-    return {stamp: (str(status.state), str(status.reason)) for stamp, status in found}
-
-
-def _departure_ns(truth: Trajectory) -> int:
-    """Return when the vehicle begins to move."""
-    speeds = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1) / (np.diff(truth.stamps_ns) * 1e-9)
-    return int(truth.stamps_ns[int(np.argmax(speeds > MOVING_M_S))])
 
 
 class Repeats:

@@ -1,15 +1,16 @@
-"""A street along any path: houses, trees, cars and what stands on pavements along both kerbs."""
+"""Ways along streets, and a street along any path: houses, trees, cars and what stands on pavements."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.mesh import Mesh, MeshBuilder, placed
-from cycab_sim.world.paths import Path
+from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground
 from cycab_sim.world.town import Rectangle, add_on_pavement, add_skyline
 from sphere_nav.geometry.arrays import Array
@@ -17,6 +18,22 @@ from sphere_nav.geometry.arrays import Array
 BEYOND = 60.0  # of the road before its beginning and behind its end, m
 SLAB, DEEP, NEXT = 4.0, 9.0, 5.0  # of a piece of pavement, of a house, from thing to thing on the pavement, m
 WALL = HALF_ROAD + PAVEMENT  # from the middle, m
+
+
+def rounded_way(corners: ArrayLike, radius: float = 6.0) -> Path:
+    """Return the way along an open polygon (K, 2) m whose inner corners are arcs, as far as its legs allow."""
+    points = np.asarray(corners, dtype=np.float64)
+    legs = np.diff(points, axis=0)
+    lengths, heads = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
+    turns = (np.diff(heads) + np.pi) % (2 * np.pi) - np.pi
+    radii = np.minimum(radius, np.minimum(lengths[:-1], lengths[1:]) / 2)
+    cuts = np.concatenate([[0.0], radii * np.tan(np.abs(turns) / 2), [0.0]])
+    pieces: list[Piece] = []
+    for number, length in enumerate(lengths):
+        pieces.append(Piece(float(length - cuts[number] - cuts[number + 1])))
+        if number < len(turns):
+            pieces.append(turn(float(radii[number]), float(np.degrees(turns[number]))))
+    return Path((*points[0].tolist(), float(heads[0])), tuple(pieces))
 
 
 def place_beside(path: Path, along: float, left: float, yaw: float = 0.0, height: float = 0.0) -> Array:

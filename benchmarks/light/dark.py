@@ -7,21 +7,21 @@ texture is inverted, or not at all from the 13th image on. The start is given, 0
 from __future__ import annotations
 
 import argparse
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.commands import TRUTH
-from benchmarks.light.lights import Gray, Light
-from benchmarks.light.relight import TITLE, Room, in_kitchen
+from benchmarks.light.relight import TITLE, Light, Room, in_kitchen, torch_light
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "a recorded room by night: images placed by colour, and with depth"
 OFF = np.array([0.1, 0.0, 0.0, 0.0, 0.0, np.radians(5.0)])  # of the start, from the truth
 LIT = 12  # images until the light goes out
 
@@ -30,39 +30,24 @@ class Torch(Light):
     """Night but for a lamp beside the lens."""
 
     def _light(self, world: Array, facing: Array, points: Array, normals: Array) -> Array:
-        distance = np.linalg.norm(points, axis=-1)
-        beam = np.exp(-((points[..., 0] / points[..., 2]) ** 2 + (points[..., 1] / points[..., 2]) ** 2) / 0.18)
-        shade = np.abs(np.sum(points * normals, axis=-1)) / distance
-        return np.asarray(0.02 + 1.6 * beam * shade / np.maximum(distance, 0.7) ** 2)
-
-
-class Out:
-    """Day, until the light goes out."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def shine(self, gray: Gray, depth_m: Gray, T_world_camera: Any) -> Gray:
-        """Return the image as it is, or black."""
-        self.count += 1
-        return gray if self.count <= LIT else np.zeros_like(gray)
+        return 0.02 + 1.6 * torch_light(points, normals)
 
 
 def run(options: argparse.Namespace) -> Report:
     """Measure every darkness."""
     report, rows = Report("dark", notes=[__doc__ or ""]), list[tuple[str, ...]]()
 
-    def measure(room: Room, is_quick: bool) -> None:
+    def measure(room: Room) -> None:
         day = room.base()
-        nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": Out()}
-        if not is_quick:
+        numbers = count(1)
+        out = SimpleNamespace(shine=lambda gray, *_: gray if next(numbers) <= LIT else np.zeros_like(gray))
+        nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": out}
+        if options.size == "full":
             nights["patches"] = room.light("season", 1.0, options.seed, Torch)
         for name, light in nights.items():
-            room.drive(name, light, 2)
-            start = start_near(room.folder / f"{name}_2")
-            colour, depth = (
-                room.localize("map_day", f"{name}_2", start, *more) for more in ((), ("--set", "use_depth=true"))
-            )
+            start = start_near(room.folder / room.drive(name, light, 2))
+            colour = room.localize("map_day", f"{name}_2", start)
+            depth = room.localize("map_day", f"{name}_2", start, "--set", "use_depth=true")
             rows.append((name, str(colour), str(depth)))
             of = Headline("other light", "redkitchen by night, the camera's depth", f"by day {day.placed}")
             told = of if name == "torch" else None

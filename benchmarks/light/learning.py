@@ -14,8 +14,7 @@ from benchmarks.commands import call
 from benchmarks.light.relight import TITLE, Placed, Room, in_kitchen
 from benchmarks.report import Bound, Headline, Report, Table
 
-HELP = "a vehicle that learns by itself: light that leaves the map step by step"
-SHARES, QUICK_SHARES = (0.3, 0.45, 0.6, 0.8, 1.0), (0.6,)  # of the other light, one a day
+SHARES = {"quick": (0.6,), "full": (0.3, 0.45, 0.6, 0.8, 1.0)}  # of the other light, one a day
 MAX_WORSE = 1.05  # of the first light's median error, from version to version
 LEARN = ("--set", "learn=true")
 
@@ -23,11 +22,7 @@ LEARN = ("--set", "learn=true")
 def run(options: argparse.Namespace) -> Report:
     """Measure day after day."""
     report = Report("learning", notes=[__doc__ or ""])
-
-    def measure(room: Room, is_quick: bool) -> None:
-        follow(room, options.seed, QUICK_SHARES if is_quick else SHARES, report)
-
-    return in_kitchen(options, report, measure)
+    return in_kitchen(options, report, lambda room: follow(room, options.seed, SHARES[options.size], report))
 
 
 def follow(room: Room, seed: int, shares: tuple[float, ...], report: Report) -> None:

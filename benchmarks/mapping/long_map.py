@@ -10,11 +10,13 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.drive.ways import rounded_way
+from benchmarks.commands import num_false
+from benchmarks.drive.street import rounded_way
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
@@ -25,17 +27,17 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.geometry.trajectory_error import align_trajectories
-from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.evaluation import evaluate_poses
 
-HELP = "1.5 km of town, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
-LENGTH_M, QUICK_M, SPACING_M, STEP_NS = 1500.0, 120.0, 1.0, 250_000_000
+SIZES = {"quick": (120.0, 256, 1), "full": (1500.0, 512, 2)}  # m, px of the spheres, towns
+SPACING_M, STEP_NS = 1.0, 250_000_000
 TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
 LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
 HEIGHT_M, NOISE = 1.6, 2.0  # above the ground; grey levels
 RANGE_NOISE, FARTHEST_M = 1.5e-3, 60.0  # m/m^2: 0.2 px of a baseline of 0.4 m at 2048 px
-FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
+FALSE_LOOP = 0.3, 2.0  # m, deg: error above which a loop joins what does not belong together
 
 
 @dataclass
@@ -51,10 +53,9 @@ class Drive:
 def run(options: argparse.Namespace) -> Report:
     """Drive and map in a town, or two."""
     report, rows = Report("long_map", notes=[__doc__ or ""]), list[tuple[str, ...]]()
-    is_quick = options.size == "quick"
-    length, width = (QUICK_M, 256) if is_quick else (LENGTH_M, 512)
-    for seed in range(options.seed, options.seed + (1 if is_quick else 2)):
-        drive = map_drive(seed, length, options.width or width)
+    length, width, num_towns = SIZES[options.size]
+    for seed in range(options.seed, options.seed + num_towns):
+        drive = map_drive(seed, length, width)
         _judge(f"town {seed}, {length:.0f} m", drive, report, rows)
     columns = ("drive", "placed", "lost", "kept", "after merging", "loops", "CPU s a sphere")
     worst = max(bound.measured for bound in report.bounds if "RMSE" in bound.what)
@@ -115,14 +116,14 @@ def _judge(what: str, drive: Drive, report: Report, rows: list[tuple[str, ...]])
     """Add what a drive's map is worth."""
     graph = drive.mapper.graph
     stamps, poses = zip(*drive.mapper.trajectory(), strict=True)
-    found, truth = SE3(np.stack([pose.matrix for pose in poses])), [drive.truth[stamp] for stamp in stamps]
-    merged = merge(graph, found.translation)
-    true = SE3(np.stack([pose.matrix for pose in truth]))
-    T, _ = align_trajectories(Trajectory(np.array(stamps), found), Trajectory(np.array(stamps), true), "se3")
-    ate = float(np.sqrt(np.mean(np.sum((T.apply(found.translation) - true.translation) ** 2, axis=1))))
+    found, true = (
+        Trajectory(np.array(stamps), SE3(np.stack([pose.matrix for pose in these])))
+        for these in (poses, [drive.truth[stamp] for stamp in stamps])
+    )
+    merged, length = merge(graph, found.positions), float(true.distances[-1])
+    ate = evaluate_poses(found, true, alignment="se3").report["translation_m"]["rmse"]
     loops = [edge for edge in graph.edges if edge.is_loop]
-    false = sum(_is_false(edge, graph, drive) for edge in loops)
-    length = float(np.linalg.norm(np.diff(true.translation, axis=0), axis=1).sum())
+    false = num_false(loops, {node.id: drive.truth[node.stamp_ns] for node in graph}, FALSE_LOOP)
     counts = (len(stamps), drive.num_lost, len(graph), len(merged.graph), len(loops))
     rows.append((what, *map(str, counts), f"{np.mean(drive.seconds):.2f}"))
     report.bounds += [
@@ -137,14 +138,6 @@ def _drift(graph: SphereGraph, drive: Drive) -> float:
     """Return how far in m the last key sphere is off by the motions from one to the next alone, no loop heard."""
     chain = {edge.b: edge for edge in graph.edges if not edge.is_loop}
     nodes = sorted(graph.nodes)
-    T_first_last = SE3.identity()
-    for node_id in nodes[1:]:
-        T_first_last = T_first_last @ chain[node_id].T_a_b
+    T_first_last = reduce(SE3.__matmul__, (chain[node_id].T_a_b for node_id in nodes[1:]), SE3.identity())
     first, last = (drive.truth[graph[node_id].stamp_ns] for node_id in (nodes[0], nodes[-1]))
     return float((first.inverse() @ last).distance(T_first_last)[0])
-
-
-def _is_false(edge: Edge, graph: SphereGraph, drive: Drive) -> bool:
-    a, b = (drive.truth[graph[end].stamp_ns] for end in (edge.a, edge.b))
-    distance, angle = (a.inverse() @ b).distance(edge.T_a_b)
-    return bool(distance > FALSE_M or angle > np.radians(FALSE_DEG))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,47 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report, Table
-from cycab_sim.params import SimParams
+from benchmarks.rig import images_of, rig_in_world
 from cycab_sim.sensors.rigs import rig_place
-from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_nav.geometry import SE3, Rig, Spherical
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
-HELP = "range by class of surface (textured, bare, unlit, edge, thin, ground, far): measured, wrong; its CPU time"
 CLASSES = ("textured", "bare", "unlit", "edge", "thin", "ground", "far")
 NEAR_M, FAR_M = 30.0, 120.0  # up to which range is judged; from which on a surface is far
 EDGE_PX, THIN_PX = 5, 9  # of 2048 columns: from a jump; things less wide are thin
 JUMP = (0.05, 1e-3)  # of inverse range between neighbors, beside its slope: by itself, in 1/m
 BARE_LEVELS, UNLIT_LEVEL, DETAIL_PX = 2.0, 8.0, 9  # deviation of grey levels, their mean, over so many px
-VIEW_DEG = 190.0  # of a camera
 GROUND_M = 0.03  # heights within which a point is of the ground
-Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Images of a rig at one instant; true range (H, W) m and classes of the sphere."""
-
-    rig: Rig
-    images: dict[str, Image]
-    truth: Plane
-    classes: NDArray[np.int8]
 
 
 def run(options: argparse.Namespace) -> Report:
     """Measure a town, or three, by each rig; and time."""
     report = Report("range_classes")
-    width = options.width or (1024 if options.size == "quick" else 2048)
-    seeds = range(options.seed, options.seed + (1 if options.size == "quick" else 3))
+    width, num_towns = (1024, 1) if options.size == "quick" else (2048, 3)
+    seeds = range(options.seed, options.seed + num_towns)
     told = Headline("map", "towns of the simulator")
     for kind in ("ring", "vertical"):
         total, cpu_s = np.zeros((len(CLASSES), 5)), list[float]()
         for seed in seeds:
-            found, seconds = _measure(_town(kind, seed, width), width)
+            found, seconds = _measure(kind, seed, width)
             total += found
             cpu_s += seconds
         there, n, beyond_3_sigma, beyond_10_percent, right = total.T
@@ -60,12 +45,11 @@ def run(options: argparse.Namespace) -> Report:
         rows = [(name, *(f"{100 * share:.2f}" for share in shares[:, k])) for k, name in enumerate(CLASSES)]
         columns = ("surface", "of all %", "measured %", "right %", "of measured beyond 3 sigma %", "beyond 10 % %")
         report.tables.append(Table(f"Seen by a {kind} rig, {width} px", columns, rows))
-        wrong, least = beyond_3_sigma.sum() / n.sum(), 0.75 if kind == "ring" else 0.8
+        wrong, worst = float(beyond_3_sigma.sum() / n.sum()), float(np.nanmax(shares[4, :-1]))
+        least = 0.75 if kind == "ring" else 0.8
         report.bounds += [
-            Bound(f"{kind}, all classes: measured, beyond 3 sigma", 0.02, float(wrong), "", False, told),
-            Bound(
-                f"{kind}, worst class: measured, beyond 10 %", 0.03, float(np.nanmax(shares[4, :-1])), "", False, told
-            ),
+            Bound(f"{kind}, all classes: measured, beyond 3 sigma", 0.02, wrong, "", False, told),
+            Bound(f"{kind}, worst class: measured, beyond 10 %", 0.03, worst, "", False, told),
             Bound(f"{kind}, textured: measured right", least, float(shares[2, 0]), "", True, told),
             Bound(f"{kind}, far: nearer than it is", 0.005, float(beyond_3_sigma[-1] / there[-1]), ""),
             Bound(f"{kind}, {width} px: range of an instant, CPU", 0.45, float(np.median(cpu_s)), "s"),
@@ -73,20 +57,25 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def _measure(seen: Seen, width: int) -> tuple[NDArray[np.float64], list[float]]:
+def _measure(kind: str, seed: int, width: int) -> tuple[NDArray[np.float64], list[float]]:
     """Return counts (classes, 5): there, measured, off by 3 sigma, off by 10 %, right; and CPU times of the range.
 
     What is told to be far is wrong where something near is there, and the other way round.
     """
-    stitcher = Stitcher(seen.rig, build(StitchParams, {"width": width}))
-    grays = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in stitcher.equalize(seen.images)[0].items()}
+    simulator, rig = rig_in_world(seed, width, {"rig.kind": kind})
+    stitcher = Stitcher(rig, build(StitchParams, {"width": width}))
+    images, _ = stitcher.equalize(images_of(simulator))
+    grays = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in images.items()}
     assert stitcher.stereo is not None
     seconds = []
     for _ in range(2):
         begun = time.process_time()
         [(range_m, std_m)] = stitcher.stereo.find(grays).measured
         seconds.append(time.process_time() - begun)
-    truth, known, is_far = seen.truth, ~np.isnan(range_m), seen.classes == len(CLASSES) - 1
+    T_world_sphere = simulator.T_world_base @ rig_place(simulator.params.rig) @ stitcher.T_rig_sphere
+    levels, truth = simulator.render(stitcher.whole, T_world_sphere)
+    classes = classify(levels, truth, stitcher.whole, T_world_sphere)
+    known, is_far = ~np.isnan(range_m), classes == len(CLASSES) - 1
     with np.errstate(invalid="ignore"):
         error = np.abs(range_m - truth)
         is_off = np.isinf(range_m) | (error > 3 * std_m)
@@ -95,22 +84,10 @@ def _measure(seen: Seen, width: int) -> tuple[NDArray[np.float64], list[float]]:
     is_off, is_wide = np.where(is_far, is_near, is_off), np.where(is_far, is_near, is_wide)
     counts = []
     for number in range(len(CLASSES)):
-        keep = (seen.classes == number) & (is_far | (truth < NEAR_M))
+        keep = (classes == number) & (is_far | (truth < NEAR_M))
         parts = (keep, keep & known, keep & known & is_off, keep & known & is_wide, keep & known & ~is_wide)
         counts.append([np.count_nonzero(part) for part in parts])
     return np.array(counts, np.float64), seconds[1:]
-
-
-def _town(kind: str, seed: int, width: int) -> Seen:
-    values, side = {"rig.kind": kind, "seed": seed, "rig.view_deg": VIEW_DEG}, width * 17 // 32
-    simulator = Simulator(build(SimParams, values | {"rig.size": f"{side},{side}"}))
-    assert simulator.rig is not None
-    images = {name: frame.image for name, frame in simulator.capture_rig().items()}
-    stitcher = Stitcher(simulator.rig, build(StitchParams, {"width": width, "range": "none"}))
-    T_base_sphere = rig_place(simulator.params.rig) @ stitcher.T_rig_sphere
-    T_world_sphere = simulator.vehicle.state.T_world_base @ T_base_sphere
-    levels, truth = simulator.render(stitcher.whole, T_world_sphere)
-    return Seen(simulator.rig, images, truth, classify(levels, truth, stitcher.whole, T_world_sphere))
 
 
 def classify(levels: NDArray[Any], truth: Plane, whole: Spherical, T_world_sphere: SE3) -> NDArray[np.int8]:

@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
-from tqdm import tqdm
+from numpy.typing import NDArray
 
-from benchmarks.machine import milliseconds
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rgbd_data import CAMERA, Frame, Recording
 from sphere_nav.geometry import SE3
@@ -32,7 +31,6 @@ from sphere_nav.photometric import (
 )
 from sphere_nav.photometric.align.problem import Problem
 
-HELP = "RGB-D frame to frame against OpenCV (DESIGN 7)"
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 60  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
 MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone
@@ -95,33 +93,7 @@ class OpenCVOdometry:
 Method = Ours | OpenCVOdometry
 
 
-@dataclass
-class Figures:
-    """What one method did on all pairs that are k frames apart; times in ms."""
-
-    errors_mm: list[float] = field(default_factory=list)
-    errors_deg: list[float] = field(default_factory=list)
-    track: list[float] = field(default_factory=list)
-
-    @property
-    def num_failures(self) -> int:
-        """Pairs with more than 50 mm error, refused ones included."""
-        return int(np.sum(np.array(self.errors_mm) > FAILURE_MM))
-
-    @property
-    def tracking_ms(self) -> float:
-        """Median time of a new frame against a reference prepared before."""
-        return float(np.median(self.track))
-
-    @property
-    def median_mm(self) -> float:
-        """Median error of the translation."""
-        return float(np.median(self.errors_mm))
-
-    def cells(self) -> tuple[str, ...]:
-        """Return the right half of a row."""
-        told = f"{self.median_mm:.2f}", f"{np.median(self.errors_deg):.3f}", f"{self.tracking_ms:.1f}"
-        return *told, f"{self.num_failures} of {len(self.errors_mm)}"
+Figures = NDArray[np.float64]  # (N, 3) what one method did on N pairs: errors in mm and deg, time in ms
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -138,7 +110,10 @@ def run(options: argparse.Namespace) -> Report:
     step, rows = QUICK_STEP if options.size == "quick" else STEP, list[tuple[str, ...]]()
     for gap in GAPS:
         figures = measure(methods, recording, gap, step, options.seed % step)
-        rows += [(str(gap), name, *found.cells()) for name, found in figures.items()]
+        for name, found in figures.items():
+            mm, deg, ms = np.median(found, axis=0)
+            failed = f"{num_failures(found)} of {len(found)}"
+            rows.append((str(gap), name, f"{mm:.2f}", f"{deg:.3f}", f"{ms:.1f}", failed))
         report.bounds += bounds_of(figures, gap)
     report.tables.append(Table("Pairs k frames apart of redkitchen", COLUMNS, rows))
     return report
@@ -146,15 +121,14 @@ def run(options: argparse.Namespace) -> Report:
 
 def measure(methods: list[Method], recording: Recording, gap: int, step: int, first: int) -> dict[str, Figures]:
     """Run one method after the other, as each would on a vehicle: threads of one that still spin stall the next."""
-    figures = {method.name: Figures() for method in methods}
+    figures = {}
     pairs = recording.pairs(gap, 1)[first::step]
     frames = {path: _cut(recording.frame(path)) for path in dict.fromkeys(sum(pairs, ()))}
     for method in methods:
         time.sleep(SETTLE_S)
         for _ in range(NUM_WARM_UP):
             method.track(method.prepare(frames[pairs[0][0]]), frames[pairs[0][0]])
-        for one, other in tqdm(pairs, f"{method.name}, {gap} apart", leave=False, disable=None):
-            _measure_pair(method, frames[one], frames[other], figures[method.name])
+        figures[method.name] = np.array([_measure_pair(method, frames[one], frames[other]) for one, other in pairs])
     return figures
 
 
@@ -162,31 +136,34 @@ def _cut(frame: Frame) -> Frame:
     return replace(frame, depth_m=np.where(frame.depth_m <= MAX_DEPTH_M, frame.depth_m, np.float32(np.nan)))
 
 
-def _measure_pair(method: Method, reference: Frame, current: Frame, figures: Figures) -> None:
-    prepared = method.prepare(reference)
-    track_ms, T_reference_current = milliseconds(lambda: method.track(prepared, current))
-    figures.track.append(track_ms)
+def _measure_pair(method: Method, reference: Frame, current: Frame) -> tuple[float, float, float]:
+    prepared, start = method.prepare(reference), time.perf_counter_ns()
+    T_reference_current = method.track(prepared, current)
+    ms = (time.perf_counter_ns() - start) / 1e6
     T_true = reference.T_world_camera.inverse() @ current.T_world_camera
     meters, radians = T_true.distance(T_reference_current) if T_reference_current else (math.inf, math.inf)
-    figures.errors_mm.append(1e3 * float(meters))
-    figures.errors_deg.append(math.degrees(radians))
+    return 1e3 * float(meters), math.degrees(radians), ms
+
+
+def num_failures(found: Figures) -> int:
+    """Return how many pairs have more than 50 mm error, refused ones included."""
+    return int(np.sum(found[:, 0] > FAILURE_MM))
 
 
 def bounds_of(figures: dict[str, Figures], gap: int) -> list[Bound]:
     """Return our failures, and our error and time beside the best of the peers that are there."""
     ours, where = figures[OURS], f"k = {gap}"
-    bounds = [Bound(f"failures, {where}", 0, ours.num_failures, "pairs")]
-    others = {name: found for name, found in figures.items() if name != OURS}
+    bounds = [Bound(f"failures, {where}", 0, num_failures(ours), "pairs")]
+    others = {name: np.median(found, axis=0).tolist() for name, found in figures.items() if name != OURS}
     if not others:
         return bounds
-    best = min(others, key=lambda name: others[name].median_mm)
-    fastest = min(others, key=lambda name: others[name].tracking_ms)
-    error, data = others[best].median_mm, f"redkitchen, pairs {gap} frames apart"
-    by = others[fastest].tracking_ms / ours.tracking_ms
+    error, best = min((mm, name) for name, (mm, _, _) in others.items())
+    time_ms, fastest = min((ms, name) for name, (_, _, ms) in others.items())
+    (own_mm, _, own_ms), data = np.median(ours, axis=0).tolist(), f"redkitchen, pairs {gap} frames apart"
     of = Headline("frame to frame", data, f"{best}: {error:.2f} mm")
-    of_time = Headline("frame to frame", data, f"{fastest}: {others[fastest].tracking_ms:.0f} ms")
+    of_time = Headline("frame to frame", data, f"{fastest}: {time_ms:.0f} ms") if gap == GAPS[0] else None
     return [
         *bounds,
-        Bound(f"median error, {where}", error, ours.median_mm, "mm", headline=of),
-        Bound(f"tracking, fastest peer by ours, {where}", 10.0, by, "x", True, of_time if gap == GAPS[0] else None),
+        Bound(f"median error, {where}", error, own_mm, "mm", headline=of),
+        Bound(f"tracking, fastest peer by ours, {where}", 10.0, time_ms / own_ms, "x", True, of_time),
     ]

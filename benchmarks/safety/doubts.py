@@ -11,7 +11,6 @@ import argparse
 import math
 
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
@@ -24,7 +23,6 @@ from path_follower.path_files import make_path
 from path_follower.reasons import StopReason
 from sphere_nav.geometry.arrays import Array
 
-HELP = "motion consistency: false stops a kilometre"
 LENGTH_M = 150.0  # of each drive
 SECOND, STEP_NS, LATENCY_NS, ODOMETRY_NS = 1_000_000_000, 10_000_000, 50_000_000, 20_000_000
 NOISE = (0.02, 0.02, math.radians(0.5))  # m, m, rad: standard deviations of the poses, stated truthfully
@@ -111,7 +109,7 @@ def run(options: argparse.Namespace) -> Report:
     settings = [(hertz, has_odometry) for hertz in (10, 5) for has_odometry in (False, True)]
     for hertz, has_odometry in settings:
         drives = [Drive(seed, SECOND // hertz, has_odometry=has_odometry) for seed in seeds]
-        for drive in tqdm(drives, unit="drive", disable=None):
+        for drive in drives:
             drive.run(2.0 * LENGTH_M)
         found = [reason for drive in drives for reason in drive.stops if reason in DOUBTS]
         meters = sum(drive.way for drive in drives)

@@ -11,31 +11,29 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import lru_cache, partial
-from itertools import pairwise
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.bare.drives import LIGHTS, READ_NOISE, SHOT_NOISE, kidnapped_line, shadows_in
+from benchmarks.bare.drives import LIGHTS, READ_NOISE, SHOT_NOISE, kidnapped_line, on_ground, shadows_in
 from benchmarks.report import Bound, Headline, Report, Table
-from cycab_sim.params import CarParams
+from benchmarks.room import motions
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.town import draw_plan
 from cycab_sim.world.worlds import World, build_world
-from sphere_mapping.experiences.joining import DriveSphere, join_drive
+from sphere_mapping.experiences.joining import join_drive
 from sphere_mapping.graph.extension import Submap
-from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from worlds.submaps import images_of
 
-HELP = "places in different light: false joins, and true ones found"
 CAMERAS = {"whole": Spherical(256, 128), "window": Spherical(160, 110, 512.0, 176.0, 60.0)}
 NUM_PAIRS = {"quick": 20, "full": 1000}  # half of them in the next town
 SAME_EVERY = 10  # one of so many pairs is of one place
@@ -75,12 +73,10 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _off_a_little(rng: np.random.Generator) -> SE3:
-    """Return how far off a start is that is given rightly."""
     return SE3.from_planar(*rng.uniform(-1.0, 1.0, 3) * [GIVEN_M, GIVEN_M, GIVEN_RAD])
 
 
 def _off_far(rng: np.random.Generator) -> SE3:
-    """Return how far off a start is that is given wrongly."""
     ahead = rng.uniform(*GIVEN_WRONG_M) * rng.choice([-1.0, 1.0])
     return SE3.from_planar(ahead, *rng.uniform(-1.0, 1.0, 2) * [GIVEN_M, GIVEN_RAD])
 
@@ -105,15 +101,11 @@ def _try(
     base = _submap(town, line, int(first), lens, rng, 0, SE3.identity())
     T = SE3.from_planar(*rng.uniform(-5.0, 5.0, 3))
     drive = _submap(town, drive_line, int(second), lens, rng, 100, T)
-    images = [
-        DriveSphere(Track(node.stamp_ns, node.id, SE3.identity()), None, partial(drive.load, node.id))
-        for node in drive.graph
-    ]
     start = None
     if given is not None:
         begin = T.inverse() @ drive.graph[100].T_map_sphere if is_same else base.graph[0].T_map_sphere
         start = begin @ given(rng)
-    joined = join_drive(base, drive, images, MapperParams(), start)
+    joined = join_drive(base, drive, images_of(drive), MapperParams(), start)
     if joined.graph is None:
         return np.inf, joined.told
     truth = [T.inverse() @ node.T_map_sphere for node in drive.graph]
@@ -126,11 +118,10 @@ def _submap(
 ) -> Submap:
     """Return what a drive along planar poses (K, 3) sees, in a frame moved by `T`."""
     world, renderer = _town(town, light)
-    up, vehicle = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M]), CarParams()
+    up = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
     index, nodes, spheres = AppearanceIndex(), [], {}
     for number in range(len(line)):
-        on_plane = SE3.from_planar(*map(float, line[number]))
-        pose = world.ground.follow(on_plane, vehicle.wheelbase, vehicle.width) @ up
+        pose = on_ground(world.ground, line[number]) @ up
         levels, range_m = renderer.render(lens, pose, is_gray=True)
         image: NDArray[np.uint8] = expose(levels, READ_NOISE, SHOT_NOISE, (town, light, number))
         rough = range_m * (1.0 + NOISE * rng.normal(size=range_m.shape))
@@ -140,8 +131,7 @@ def _submap(
         spheres[node.id] = sphere
         index.add(node.id, features_of_sphere(sphere))
         nodes.append(node)
-    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e4 * np.eye(6)) for a, b in pairwise(nodes)]
-    return Submap(SphereGraph(nodes, edges), index, spheres.__getitem__)
+    return Submap(SphereGraph(nodes, motions(nodes)), index, spheres.__getitem__)
 
 
 @lru_cache(maxsize=len(LIGHTS))

@@ -20,7 +20,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,7 @@ from sphere_nav_msgs.srv import LoadTrajectory
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.base import SETTLE, Base
+from benchmarks.base import SETTLE, Base, write_straight
 from benchmarks.report import Bound, Headline, Report, Table
 from path_follower.ros.loop_process import take_precedence
 from sphere_nav.geometry import SE3
@@ -46,7 +45,6 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav_tools.cli.processes import node_command
 
-HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
 BASE_PRIORITY = 5  # real time, below the loops it is driven by
 AFTER = 3.0  # s in which zero must come
@@ -69,14 +67,7 @@ rclpy.spin(node)
 """
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What one drive showed: silence of commands before the fault, zero after it, in s; the reason."""
-
-    silence: float
-    zero: float
-    reason: str
-    worst_cycle: float
+Seen = tuple[float, float, str]  # of a drive: silence of commands before the fault, zero after it, in s; the reason
 
 
 def lie(base: Base, name: str, value: Any) -> None:
@@ -118,8 +109,7 @@ def front_of(pid: int) -> int:
 def observe(name: str, gate: EventOfProcesses) -> Seen:
     """Drive, let the crowd begin and then a fault, and look what comes."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "path.csv"
-        path.write_text("\n".join(f"{x},0" for x in range(400)), encoding="utf-8")
+        path = write_straight(Path(folder))
         words = node_command("path_follower", "--ros-args", "-p", f"trajectory:={path}", "--log-level", "fatal")
         process, base = subprocess.Popen(words), Base()
         # as a computer of its own would serve the base, but not what it starts
@@ -137,7 +127,7 @@ def observe(name: str, gate: EventOfProcesses) -> Seen:
             zero = base.commands[-1][0] - begun if base.speed == 0.0 else float("inf")
             base.live(0.5)
             zero = zero if base.speed == 0.0 else float("inf")
-            return Seen(silence, zero, base.reason, base.worst_cycle)
+            return silence, zero, base.reason
         finally:
             gate.clear()
             for node in base.others:
@@ -262,30 +252,26 @@ CONDITIONS: dict[str, tuple[Callable[[EventOfProcesses], None], ...]] = {
 }
 
 
-def measure(condition: str, repeats: int) -> dict[str, list[Seen]]:
-    """Return what the drives of each fault showed."""
-    with crowd(*CONDITIONS[condition]) as gate:
-        return {name: [observe(name, gate) for _ in range(repeats)] for name in faults()}
-
-
 def run(options: argparse.Namespace) -> Report:
     """Suffer each fault in each condition, or in the first two."""
     is_quick = options.size == "quick"
     runs, conditions = (1, list(CONDITIONS)[:2]) if is_quick else (5, list(CONDITIONS))
-    seen = {name: measure(name, runs) for name in conditions}
-    rows, bounds = [], []
+    seen, rows, bounds = dict[str, dict[str, list[Seen]]](), [], []
+    for name in conditions:
+        with crowd(*CONDITIONS[name]) as gate:
+            seen[name] = {fault: [observe(fault, gate) for _ in range(runs)] for fault in faults()}
     for fault in faults():
         every = [seen[name][fault] for name in conditions]
-        reasons = sorted({one.reason or "–" for drives in every for one in drives})
-        zeros = [f"{max(one.zero for one in drives):.2f}" for drives in every]
+        reasons = sorted({reason or "–" for drives in every for *_, reason in drives})
+        zeros = [f"{max(zero for _, zero, _ in drives):.2f}" for drives in every]
         rows.append((fault, ", ".join(reasons), *zeros))
     of = Headline("time to zero", f"{len(rows)} faults of real processes over DDS")
     for name in conditions:
         drives = [one for several in seen[name].values() for one in several]
-        stops = [one.zero for one in seen[name]["emergency stop"]]
-        never = sum(math.isinf(one.zero) for one in drives)
+        stops = [zero for _, zero, _ in seen[name]["emergency stop"]]
+        never, silence = sum(math.isinf(zero) for _, zero, _ in drives), max(drives)[0]
         bounds += [
-            Bound(f"longest silence of commands, {name}", 0.12, max(one.silence for one in drives), "s", headline=of),
+            Bound(f"longest silence of commands, {name}", 0.12, silence, "s", headline=of),
             Bound(f"emergency stop to zero, {name}", 0.4, max(stops), "s"),
             Bound(f"faults that did not end in zero, {name}", 0, never, "", headline=of),
         ]

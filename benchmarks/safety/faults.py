@@ -10,10 +10,7 @@ from __future__ import annotations
 import argparse
 import logging
 import math
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -22,7 +19,6 @@ from benchmarks.fault_drives import SECOND, Course, Drive, Gauge
 from benchmarks.fault_list import FAULTS, Fault
 from benchmarks.report import Bound, Headline, Report, Table
 
-HELP = "stops: time to zero command for each fault, false stops of long drives"
 FULL, QUICK = (5, 75), (1, 1)  # drives of each fault, laps of 23 m by images
 LIMIT = 0.85  # s from the loss of the pose to zero command
 ASIDE = 0.3  # m from the path: more is a wrong motion
@@ -44,13 +40,7 @@ class Outcome:
     def suffer(self, course: Course, seed: int) -> None:
         """Drive, let the fault begin, end it, and see whether the vehicle goes on."""
         drive = Drive(course, seed, has_odometry=self.fault.has_odometry)
-        try:
-            _drive_off(drive)
-            self._suffer(drive)
-        finally:
-            drive.close()
-
-    def _suffer(self, drive: Drive) -> None:
+        _drive_off(drive)
         began, fault, follower = drive.now, self.fault, drive.follower.loop.follower
         drive.gauge = Gauge([])
         drive.images = lambda messages: fault.images(drive, messages, (drive.now - began) / SECOND)
@@ -68,6 +58,7 @@ class Outcome:
         drive.run(1.0)
         answer = "by itself" if follower.mode.is_driving else f"`start`: {drive.start() or 'drives again'}"
         self.recoveries.add(answer)
+        drive.bus.close()
 
     @property
     def row(self) -> tuple[str, ...]:
@@ -103,10 +94,12 @@ def run(options: argparse.Namespace) -> Report:
     """Suffer every fault; drive without any."""
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     runs, num_laps = QUICK if options.size == "quick" else FULL
-    with tempfile.TemporaryDirectory() as folder:
-        course = Course(Path(folder))
-        outcomes = list(_outcomes(course, runs))
-        bounds = [*_bounds(outcomes), _laps(course, num_laps)]
+    course = Course(options.folder)
+    outcomes = [Outcome(fault) for fault in FAULTS]
+    for outcome in tqdm(outcomes, unit="fault", disable=None):
+        for seed in range(runs):
+            outcome.suffer(course, 1000 + seed)
+    bounds = [*_bounds(outcomes), _laps(course, num_laps)]
     return Report("faults", [Table("Faults", COLUMNS, [o.row for o in outcomes])], bounds)
 
 
@@ -125,14 +118,6 @@ def _bounds(outcomes: list[Outcome]) -> list[Bound]:
     ]
 
 
-def _outcomes(course: Course, runs: int) -> Iterator[Outcome]:
-    for fault in tqdm(FAULTS, unit="fault", disable=None):
-        outcome = Outcome(fault)
-        for seed in range(runs):
-            outcome.suffer(course, 1000 + seed)
-        yield outcome
-
-
 def _laps(course: Course, count: int) -> Bound:
     """Drive to the end of the course with a tenth of the images lost."""
     num_stops, way, seconds = 0, 0.0, 0.0
@@ -142,11 +127,11 @@ def _laps(course: Course, count: int) -> Bound:
         lost = np.random.default_rng(seed)
         drive.images = lambda messages, lost=lost: messages if lost.random() >= 0.1 else []
         drive.gauge, began = Gauge([]), drive.now
-        while drive.along < course.length - 4.0 and drive.now - began < 60 * SECOND:
+        while drive.place[0] < course.length - 4.0 and drive.now - began < 60 * SECOND:
             drive.run(0.5)
             drive.start()
         num_stops, way = num_stops + drive.gauge.num_stops, way + drive.gauge.way
         seconds += (drive.now - began) / SECOND
-        drive.close()
+        drive.bus.close()
     what = f"false stops in {way:.0f} m ({seconds / 3600:.2f} h) by images, 10 % of them lost"
     return Bound(what, 1, num_stops, "")

@@ -6,7 +6,7 @@ All of it follows from a seed. Every other hall has no fine texture.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,6 +20,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import Room
 
 CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
+LONGER = replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy)
 SPHERE = Spherical(1024, 512)
 HALF_SIDES_M, REACH_M, SPACING_M = (14.0, 4.0, 2.5), 11.0, 1.0  # of a hall; of the drive to and fro; of key spheres
 SOFT = 14.0  # radians per metre: the finest texture of every other hall
@@ -28,36 +29,26 @@ ODOMETRY_NOISE = 0.01  # of the motion
 ACCELERATION = 2.0  # m/s^2
 KIDNAPPED = SE3.exp([0.6, 0.0, -0.8, 0.0, 0.7, 0.0])
 LATE = 8  # images
+THIRD = slice(CAMERA.width // 3, 2 * (CAMERA.width // 3))  # of a view, that is seen three times
 
 Image = NDArray[np.uint8]
+Lamp = Callable[[Array], Array]
 
 
-@dataclass(frozen=True)
-class Lamp:
-    """Light that is added or taken where a lamp hangs; beyond it, all is darker by `dark`; on one side of the hall."""
+def draw_lamp(rng: np.random.Generator) -> Lamp:
+    """Return the light of a lamp anywhere along the drive, beyond which all is darker, in one half of the hall or both.
 
-    place: Array
-    size_m: float
-    bright: float
-    dark: float
-    side: float  # -1, 1: that half of the hall; 0: all of it
+    It is a factor (...,) of the grey levels of points (..., 3) of the walls.
+    """
+    place = rng.uniform(-1.0, 1.0, 3) * (REACH_M, *HALF_SIDES_M[1:])
+    size_m, bright, dark = rng.uniform(1.0, 3.0), rng.uniform(0.5, 2.0), rng.uniform(0.2, 1.0)
+    side = float(rng.integers(-1, 2))
 
-    @staticmethod
-    def random(rng: np.random.Generator) -> Lamp:
-        """Return one that hangs anywhere along the drive."""
-        half = np.array([REACH_M, HALF_SIDES_M[1], HALF_SIDES_M[2]])
-        place = rng.uniform(-1.0, 1.0, 3) * half
-        size_m, bright, dark = rng.uniform(1.0, 3.0), rng.uniform(0.5, 2.0), rng.uniform(0.2, 1.0)
-        return Lamp(place, size_m, bright, dark, float(rng.integers(-1, 2)))
+    def light(points: Array) -> Array:
+        near = np.exp(np.sum((points - place) ** 2, axis=-1) * (-0.5 / size_m**2))
+        return np.where(side * points[..., 1] < 0.0, 1.0, dark + bright * near)
 
-    def __call__(self, points: Array) -> Array:
-        """Return the factor (...,) of the grey levels of points (..., 3) of the walls."""
-        off = points - self.place
-        near = np.exp(np.sum(off**2, axis=-1) * (-0.5 / self.size_m**2))
-        factor = self.dark + self.bright * near
-        if self.side:
-            factor[self.side * points[..., 1] < 0.0] = 1.0
-        return factor
+    return light
 
 
 class Hall(Room):
@@ -71,32 +62,21 @@ class Hall(Room):
         return gray if self.lamp is None else np.clip(gray * self.lamp(points), 0.0, 255.0)
 
 
-@dataclass
 class World:
     """A hall and its map, a camera that drives to and fro and turns all the while, and odometry.
 
     `T_map_camera`, `T_odom_camera` are where the camera is, `before` the last images' places, the oldest first.
     """
 
-    seed: int
-    is_soft: bool
-    rng: np.random.Generator = field(init=False)
-    phase: float = 0.0
-    seconds: float = 0.0
-    speed: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.rng = np.random.default_rng(self.seed)
-        self.room, self.other = (self.hall(self.seed + off) for off in (0, 1000))
+    def __init__(self, seed: int, *, is_soft: bool) -> None:
+        self.rng, self.phase, self.seconds, self.speed = np.random.default_rng(seed), 0.0, 0.0, 0.0
+        finest = SOFT if is_soft else FINEST
+        self.room, self.other = (make_room(seed + off, HALF_SIDES_M, finest, Hall) for off in (0, 1000))
         places = [SE3.from_planar(x, 0.0, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5, SPACING_M)]
         self.map = MemoryMap(graph_of(self.room, SPHERE, places))
         self.patch = self.rng.integers(0, 255, (CAMERA.height // 20, CAMERA.width // 20)).astype(np.uint8)
-        self.lamp = Lamp.random(self.rng)
+        self.lamp = draw_lamp(self.rng)
         self.T_odom_camera, self.before = SE3.identity(), [self.T_map_camera] * (LATE + 1)
-
-    def hall(self, seed: int) -> Hall:
-        """Return the hall of a seed."""
-        return make_room(seed, HALF_SIDES_M, SOFT if self.is_soft else FINEST, Hall)
 
     @property
     def T_map_camera(self) -> SE3:
@@ -150,54 +130,28 @@ def elsewhere(world: World) -> Image:
     return world.see(world.T_map_camera, room=world.other)
 
 
-def _covered(world: World) -> Image:
-    return _noisy(np.full((CAMERA.height, CAMERA.width), 20.0, np.float32), world.rng)
-
-
 def _occluded(world: World, share: float) -> Image:
     image, patch = nothing(world), np.kron(world.patch, np.ones((20, 20), np.uint8))
     image[:, : int(share * CAMERA.width)] = patch[:, : int(share * CAMERA.width)]
     return image
 
 
-def _saturated(world: World) -> Image:
-    return np.clip(2.2 * nothing(world).astype(float), 1, 255).astype(np.uint8)
-
-
-def _light(world: World) -> Image:
-    return np.clip(0.35 * nothing(world).astype(float) + 60.0, 1, 255).astype(np.uint8)
-
-
-def _lamp(world: World) -> Image:
-    return world.see(world.T_map_camera, lamp=world.lamp)
-
-
-def _calibration(world: World) -> Image:
-    return world.see(world.T_map_camera, replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy))
-
-
-def _repeated(world: World) -> Image:
-    """Return a view of one third of the image three times, as of like windows in a row."""
-    third = CAMERA.width // 3
-    return np.ascontiguousarray(np.tile(nothing(world)[:, third : 2 * third], (1, 3)))
-
-
-def _late(world: World) -> Image:
-    return world.see(world.before[0])
+def _lit(world: World, gain: float, bias: float) -> Image:
+    return np.clip(gain * nothing(world).astype(float) + bias, 1, 255).astype(np.uint8)
 
 
 # Light is no fault of the pose: it may be told, and must not be wrong.
 FAULTS: dict[str, Fault] = {
-    "covered": _covered,
+    "covered": lambda world: _noisy(np.full((CAMERA.height, CAMERA.width), 20.0, np.float32), world.rng),
     "40 % occluded": partial(_occluded, share=0.4),
     "70 % occluded": partial(_occluded, share=0.7),
-    "saturated": _saturated,
-    "other light": _light,
-    "a lamp switched": _lamp,
+    "saturated": partial(_lit, gain=2.2, bias=0.0),
+    "other light": partial(_lit, gain=0.35, bias=60.0),
+    "a lamp switched": lambda world: world.see(world.T_map_camera, lamp=world.lamp),
     "another place": elsewhere,
     "kidnapped": kidnapped,
-    "focal length 20 % off": _calibration,
-    "images 0.5 s late": _late,
-    "repeated texture": _repeated,
+    "focal length 20 % off": lambda world: world.see(world.T_map_camera, LONGER),
+    "images 0.5 s late": lambda world: world.see(world.before[0]),
+    "repeated texture": lambda world: np.ascontiguousarray(np.tile(nothing(world)[:, THIRD], (1, 3))),
     "wrong start": nothing,
 }

@@ -6,9 +6,7 @@ After each answered stop, pause or press (and release) the base may ramp down, a
 from __future__ import annotations
 
 import argparse
-import os
 import random
-import tempfile
 import threading
 import time
 from itertools import pairwise
@@ -18,14 +16,13 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.action import ActionClient
-from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.srv import LoadTrajectory
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
-from benchmarks.base import PATIENCE, Base
+from benchmarks.base import LENGTH, PATIENCE, Base, write_straight
 from benchmarks.report import Bound, Headline, Report, Table
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import EdgeCurve, Spot
@@ -34,14 +31,12 @@ from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.processes import Processes
 
-HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
 RULES, WAYS = ("moving", "standing"), ("path", "mission")
 STOPS, CAUSES = ("stop", "pause", "press", "page"), ("none", "pose", "lost", "obstacle")
 WATCH = 4.0  # s after the answer, in which the cause goes
 RAMP = 3.3  # s, gently from 1.4 m/s, and until the answer and the last command are heard
 ON_ITS_WAY = 0.1  # s after the answer: a command of before it may be heard
-LENGTH = 400.0  # m of the path: a base is never put back
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -49,12 +44,12 @@ def run(options: argparse.Namespace) -> Report:
     count = QUICK_TRIALS if options.size == "quick" else TRIALS
     draw, rows, moved, worst = random.Random(options.seed), [], 0, 0.0
     for rule in RULES:
-        found = session(rule, count // len(RULES), draw)
+        found = session(rule, count // len(RULES), draw, options.folder / rule)
         for way in WAYS:
             gained = [gain for kind, gain in found if kind == way]
             rows.append((way, rule, str(len(gained)), str(sum(gain > 0.0 for gain in gained)), f"{max(gained):.2f}"))
-        moved += sum(gain > 0.0 for _, gain in found)
-        worst = max(worst, *(gain for _, gain in found))
+            moved += sum(gain > 0.0 for gain in gained)
+            worst = max(worst, *gained)
     columns = ("driven by", "safety.resume", "moments", "moved after the stop", "largest speed gained, m/s")
     told = f"{count} stops, pauses and presses at random moments over DDS"
     bounds = [
@@ -64,14 +59,17 @@ def run(options: argparse.Namespace) -> Report:
     return Report("stops", [Table("Stops at random moments", columns, rows)], bounds)
 
 
-def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float]]:
+def session(rule: str, count: int, draw: random.Random, folder: Path) -> list[tuple[str, float]]:
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
-    os.environ["ROS_DOMAIN_ID"] = "45"
-    with tempfile.TemporaryDirectory() as name, Processes(Path(name)) as nodes:
-        prepare(nodes.folder)
-        nodes.start("path_follower", {"trajectory": f"{name}/path.csv", "safety.resume": rule})
-        nodes.start("route_navigator", {"network": f"{name}/routes.geojson", "state": name})
-        vehicle = StoppedBase(nodes.folder)
+    folder.mkdir()
+    x = np.arange(0.0, LENGTH, 0.1)
+    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
+    write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
+    path = write_straight(folder)
+    with Processes(folder) as nodes:
+        nodes.start("path_follower", {"trajectory": str(path), "safety.resume": rule})
+        nodes.start("route_navigator", {"network": str(folder / "routes.geojson"), "state": str(folder)})
+        vehicle = StoppedBase(path)
         try:
             trials = tqdm(range(count), desc=rule, unit="stop", mininterval=20.0)
             return [trial(vehicle, WAYS[i % 2], draw) for i in trials]
@@ -80,21 +78,13 @@ def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float
             vehicle.close()
 
 
-def prepare(folder: Path) -> None:
-    """Write a straight path, and a network of it with a place at its end."""
-    x = np.arange(0.0, LENGTH, 0.1)
-    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
-    write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
-    (folder / "path.csv").write_text("\n".join(f"{i},0" for i in range(int(LENGTH))), encoding="utf-8")
-
-
 class StoppedBase(Base):
     """The base, the scanner, and an operator."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__()
         self.goal: Any = None
-        self.file, self.has_obstacle = str(folder / "path.csv"), False
+        self.file, self.has_obstacle = str(path), False
         self.calls = {name: self.node.create_client(Trigger, f"path_follower/{name}") for name in ("stop", "pause")}
         self.load = self.node.create_client(LoadTrajectory, "path_follower/load_trajectory")
         self.goals = ActionClient(self.node, Navigate, "navigate")
@@ -107,12 +97,9 @@ class StoppedBase(Base):
     def speak(self) -> None:
         """Say what the base says, and what the scanner sees."""
         super().speak()
-        scan = LaserScan(angle_min=-1.57, angle_max=1.57, angle_increment=float(np.pi / 180), range_max=20.0)
-        scan.header.frame_id, scan.header.stamp = "laser", self.node.get_clock().now().to_msg()
         ranges = np.full(181, np.inf)
         ranges[85:96] = 2.0 if self.has_obstacle else np.inf
-        scan.ranges = ranges.tolist()
-        self.scans.publish(scan)
+        self.scan(ranges, np.pi / 180)
 
     def answer_to(self, future: Any) -> Any:
         """Return what was answered."""

@@ -8,31 +8,25 @@ when it is sent, to the arrival of the answer.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
-import sys
-import tempfile
+import multiprocessing
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
-from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.room import graph_of, make_room, render
-from cycab_sim.params import SimParams
-from cycab_sim.simulator import Simulator
+from benchmarks.rig import images_along, rig_in_world
+from benchmarks.room import graph_of, look, make_room
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, stamp_ns
 from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
@@ -41,7 +35,6 @@ from sphere_nav.ros.run import use_large_segment
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.processes import Processes
 
-HELP = "cameras and rigs over DDS at their rate: what has no answer, how old answers are"
 RATE, SECONDS, QUICK_SECONDS = 45.0, 60.0, 2.0  # of one camera
 RIG_RATE, RIG_SECONDS, QUICK_RIG_SECONDS, SPACING_M = 2.0, 300.0, 3.0, 0.7
 CAMERA, SPHERE = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5), Spherical(1024, 512)
@@ -50,9 +43,6 @@ SETTLE, SETTLE_S = 50, 0.2  # images of the localiser's start, which is no track
 RIG_SETTLE, RIG_SETTLE_S = 4, 2.0  # of the rig, which loads kernels with its first images
 PATIENCE_S, DRAIN_S, PAUSE_S = 240.0, 10.0, 1.0  # for nodes to be up; for what waits to be worked off; of the player
 MAX_AGE_MS, MIN_TRACKED = 50.0, 0.97
-DOMAIN = "46"
-PLAYER = "import sys; sys.path.append(sys.argv[2]); from benchmarks.times.live_rigs import play; play(sys.argv[1])"
-CHECKOUT = str(Path(__file__).resolve().parents[2])
 
 
 @dataclass(frozen=True)
@@ -68,36 +58,20 @@ class Case:
     num_uncounted: int = 0  # images of the start
 
 
-@dataclass
-class Heard:
-    """Stamps of what was sent, age in s and state of what was answered by the stamp."""
-
-    sent: list[int] = field(default_factory=list)
-    answers: dict[int, tuple[float, str]] = field(default_factory=dict)
-
-    @property
-    def ages_ms(self) -> list[float]:
-        """Ages of the answers to what was sent and counts."""
-        return [1e3 * self.answers[stamp][0] for stamp in self.sent if stamp in self.answers]
-
-
 def run(options: argparse.Namespace) -> Report:
     """Play both cases."""
     report, rows = Report("live_rigs", notes=[__doc__ or ""]), list[tuple[str, ...]]()
     for make in (localizer_case, rig_case):
-        with tempfile.TemporaryDirectory() as name:
-            case = make(Path(name), options.seed, options.size == "quick")
-            heard = listen(case, Path(name))
-        ages = heard.ages_ms or [np.inf]
-        rows.append(
-            (case.name, str(len(heard.sent)), str(len(heard.ages_ms)), f"{np.median(ages):.1f}", f"{max(ages):.1f}")
-        )
-        what, of = f"{case.name}, over DDS", Headline("times and memory", f"{len(heard.sent)} instants")
-        silent = len(heard.sent) - len(heard.ages_ms)
-        report.bounds.append(Bound(f"{what}: without an answer", 0, silent, "", headline=of))
+        folder = options.folder / make.__name__
+        folder.mkdir()
+        case = make(folder, options.seed, options.size == "quick")
+        num_sent, answers = listen(case, folder)
+        ages = [1e3 * age_s for age_s, _ in answers] or [np.inf]
+        rows.append((case.name, str(num_sent), str(len(answers)), f"{np.median(ages):.1f}", f"{max(ages):.1f}"))
+        what, of = f"{case.name}, over DDS", Headline("times and memory", f"{num_sent} instants")
+        report.bounds.append(Bound(f"{what}: without an answer", 0, num_sent - len(answers), "", headline=of))
         if case.answer == "status":
-            states = [heard.answers[stamp][1] for stamp in heard.sent if stamp in heard.answers]
-            tracked = np.mean([state == "TRACKING" for state in states] or [False])
+            tracked = np.mean([state == "TRACKING" for _, state in answers] or [False])
             report.bounds += [
                 Bound(f"{what}: oldest answer", MAX_AGE_MS, max(ages), "ms", headline=of),
                 Bound(f"{what}: answers in TRACKING", MIN_TRACKED, float(tracked), "", True),
@@ -111,10 +85,11 @@ def run(options: argparse.Namespace) -> Report:
 def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
     """Write a map of the room and a lap of images."""
     places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-2.0, 2.1, 1.0)]
-    save_map(folder / "map", graph_of(make_room(seed), SPHERE, places))
+    room = make_room(seed)
+    save_map(folder / "map", graph_of(room, SPHERE, places))
     phases = 2 * np.pi * np.arange(LAP) / LAP
     poses = [SE3.from_planar(REACH_M * np.sin(p), 0.1 * np.sin(2 * p), TURN * np.cos(p)) for p in phases]
-    np.save(folder / "0.npy", np.stack([render(CAMERA, pose @ T_BODY_OPTICAL, seed)[0] for pose in poses]))
+    np.save(folder / "0.npy", np.stack([look(room, CAMERA, pose @ T_BODY_OPTICAL)[0] for pose in poses]))
     nodes = {"dense_localizer": {"map": f"{folder / 'map'}", "base_frame": "camera"}}
     periods = [SETTLE_S] * SETTLE + [1.0 / RATE] * round(RATE * (QUICK_SECONDS if is_quick else SECONDS))
     info = ("camera_info", CAMERA)
@@ -123,44 +98,35 @@ def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
 
 def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
     """Write the rig file, and the images of a drive along the tour of a city."""
-    values = {"world": "city", "seed": seed, "noise_seed": seed, "sphere.width": 0, "rig.kind": "vertical"}
-    simulator = Simulator(build(SimParams, values))
-    assert simulator.rig is not None
-    write_rig(folder / "rig.yaml", simulator.rig)
+    simulator, rig = rig_in_world(seed, SPHERE.width, {"world": "city"})
+    write_rig(folder / "rig.yaml", rig)
     number = round(RIG_RATE * (QUICK_RIG_SECONDS if is_quick else RIG_SECONDS))
     files = []
-    for index, part in enumerate(simulator.rig.cameras):
+    for index, part in enumerate(rig.cameras):
         shape = (number, part.camera.height, part.camera.width, 3)
         files.append(np.lib.format.open_memmap(folder / f"{index}.npy", "w+", np.uint8, shape))
-    for index in range(number):
-        simulator.teleport(*simulator.path.at(5.0 + SPACING_M * index).tolist()[:3])
-        for file, frame in zip(files, simulator.capture_rig().values(), strict=True):
-            file[index] = frame.image
+    for index, images in enumerate(images_along(simulator, number, SPACING_M)):
+        for file, image in zip(files, images.values(), strict=True):
+            file[index] = image
     nodes = {
         "sphere_stitcher": {"rig": f"{folder / 'rig.yaml'}"},
         "sphere_mapper": {"map_folder": f"{folder / 'maps'}", "mounting": "0,0,1.6,0,0,0"},
     }
-    outputs = {f"cameras/{name}/image_raw": "rgb8" for name in simulator.rig.names}
-    first = simulator.rig.names[0]
-    info = (f"cameras/{first}/camera_info", simulator.rig.camera(first).camera)
+    outputs = {f"cameras/{name}/image_raw": "rgb8" for name in rig.names}
+    info = (f"cameras/{rig.names[0]}/camera_info", rig.cameras[0].camera)
     periods = [RIG_SETTLE_S] * RIG_SETTLE + [1.0 / RIG_RATE] * number
     return Case(f"vertical rig at {RIG_RATE:g} Hz", nodes, info, outputs, periods, "odometry", num_uncounted=RIG_SETTLE)
 
 
 # --- over DDS
-def listen(case: Case, folder: Path) -> Heard:
-    """Run nodes and player, hear what they say."""
-    os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    heard = Heard()
+def listen(case: Case, folder: Path) -> tuple[int, list[tuple[float, str]]]:
+    """Run nodes and player; return how many instants were sent that count, age in s and state of what was answered."""
+    answers: dict[int, tuple[float, str]] = {}
 
     def on_answer(message: Any) -> None:
         stamp = stamp_ns(message)
-        heard.answers.setdefault(stamp, ((time.time_ns() - stamp) / 1e9, getattr(message, "state", "")))
+        answers.setdefault(stamp, ((time.time_ns() - stamp) / 1e9, getattr(message, "state", "")))
 
-    topic, camera = case.info
-    (folder / "info").write_bytes(serialize_message(camera_to_info(camera, 0, "camera")))
-    plan = {"info": topic, "outputs": case.outputs, "periods": case.periods, "settle": case.num_uncounted}
-    (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
     rclpy.init()
     node = rclpy.create_node("live_rigs")
     kind = LocalizationStatus if case.answer == "status" else Odometry
@@ -172,49 +138,46 @@ def listen(case: Case, folder: Path) -> Heard:
             rclpy.spin_once(node, timeout_sec=0.05)
 
     try:
-        with Processes(folder) as nodes:
+        with Processes(folder) as nodes, ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as player:
             for name, values in case.nodes.items():
                 nodes.start(name, values)
-            command = [sys.executable, "-P", "-c", PLAYER, str(folder), CHECKOUT]
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
-                spin(PATIENCE_S + sum(case.periods), lambda: player.poll() is not None)
-                player.kill()
-                assert player.stdout is not None
-                heard.sent = [int(line) for line in player.stdout]
-            spin(DRAIN_S, lambda: set(heard.sent) <= set(heard.answers))
-        return heard
+            sent = player.submit(play, folder, case)
+            spin(2 * PATIENCE_S + sum(case.periods), sent.done)
+            stamps = sent.result(DRAIN_S)
+            spin(DRAIN_S, lambda: set(stamps) <= set(answers))
+        return len(stamps), [answers[stamp] for stamp in stamps if stamp in answers]
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
 
 
-def play(name: str) -> None:
-    """Publish the images of a folder once all are listened to; print the stamps of those that count."""
+def play(folder: Path, case: Case) -> list[int]:
+    """Publish the images of a folder once all are listened to; return the stamps of those that count."""
     use_large_segment()
-    folder = Path(name)
-    plan = json.loads((folder / "plan.json").read_text())
-    info = deserialize_message((folder / "info").read_bytes(), CameraInfo)
-    images = [np.load(folder / f"{number}.npy", mmap_mode="r") for number in range(len(plan["outputs"]))]
+    topic, camera = case.info
+    info, sent = camera_to_info(camera, 0, "camera"), list[int]()
+    images = [np.load(folder / f"{number}.npy", mmap_mode="r") for number in range(len(case.outputs))]
     rclpy.init()
     node = rclpy.create_node("player")
-    outputs = [node.create_publisher(Image, topic, qos.LARGE) for topic in plan["outputs"]]
-    info_output = node.create_publisher(CameraInfo, plan["info"], qos.STATE)
-    while not all(output.get_subscription_count() for output in (*outputs, info_output)):
+    outputs = [node.create_publisher(Image, topic, qos.LARGE) for topic in case.outputs]
+    info_output, end = node.create_publisher(CameraInfo, topic, qos.STATE), time.monotonic() + PATIENCE_S
+    while time.monotonic() < end and not all(one.get_subscription_count() for one in (*outputs, info_output)):
         time.sleep(0.1)
     time.sleep(PAUSE_S)
     due = time.monotonic()
     before_ns = time.time_ns() - round(due * SECOND)  # of the one clock to the other
-    for number, period in enumerate(plan["periods"]):
-        at = max(0, number - plan["settle"]) % len(images[0])
-        encodings = zip(images, plan["outputs"].values(), strict=True)
+    for number, period in enumerate(case.periods):
+        at = max(0, number - case.num_uncounted) % len(images[0])
+        encodings = zip(images, case.outputs.values(), strict=True)
         messages = [array_to_image(np.array(some[at]), 0, "camera", encoding) for some, encoding in encodings]
         time.sleep(max(0.0, due - time.monotonic()))
         stamp = before_ns + round(due * SECOND)
         for output, message in zip((info_output, *outputs), (info, *messages), strict=True):
             message.header.stamp = ns_to_time(stamp)
             output.publish(message)
-        if number >= plan["settle"]:
-            sys.stdout.write(f"{stamp}\n")
+        if number >= case.num_uncounted:
+            sent.append(stamp)
         due += period
     time.sleep(PAUSE_S)
     rclpy.try_shutdown()
+    return sent

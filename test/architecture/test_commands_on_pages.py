@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -26,10 +25,6 @@ NODES_OF_TOPICS += ("sphere_mapper",)  # and the stitcher, on the same page
 FOLDERS = {"route_navigator": ("path_follower/ros",)}
 FOLDERS |= {"sphere_mapper": ("sphere_mapping/ros", "sphere_mapping/acquisition/ros")}
 BY_RCLPY = {"/tf", "/tf_static", "/clock"}
-
-
-def page_id(page: Path) -> str:
-    return str(page.relative_to(ROOT))
 
 
 def blocks(text: str) -> Iterator[str]:
@@ -149,16 +144,6 @@ def wrong_ros(words: Sequence[str]) -> str:
     named = [value.split(":=")[0] for option, value in pairwise(words) if option == "-p"]
     wrong = [name for name in named if name not in parameters()[node] and name != "use_sim_time"]
     return f"{node} has no parameter {wrong[0]}" if wrong else ""
-
-
-def test_a_wrong_line_is_noticed():
-    """The checks below find a wrong command, option, parameter and argument."""
-    assert complaint(["mop", "a"]) == "no such command: mop a"
-    assert "unrecognized arguments: --tought" in complaint(["map", "a", "-o", "b", "--tought", "c"])
-    assert "no parameter slack" in complaint(["map", "a", "-o", "b", "--set", "slack=1"])
-    assert complaint(["up", "navigation", "map:=a", "path:=b"]) == "navigation has no argument path"
-    assert complaint(["up", "localisation"]) == "localisation: map must be given"
-    assert "no parameter clod" in wrong_ros(shlex.split("ros2 run sphere_nav mcl_depth --ros-args -p clod:=a"))
 
 
 @for_all([*PAGES, *NOTES])

@@ -34,26 +34,11 @@ MAY_IMPORT[TOOLS + "offline"] = {*MAY_IMPORT}  # the roof: nothing below imports
 MAY_IMPORT[TOOLS + "cli"] = {*MAY_IMPORT}
 MAY_IMPORT[TOOLS + "library"] = {*MAY_IMPORT}
 FORBIDDEN = {  # within a package
-    "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros"),
+    "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros")
 }
-ROS = {
-    "rclpy",
-    "ackermann_msgs",
-    "rcl_interfaces",
-    "builtin_interfaces",
-    "diagnostic_msgs",
-    "geometry_msgs",
-    "lifecycle_msgs",
-    "nav_msgs",
-    "nav2_msgs",
-    "rosgraph_msgs",
-    "sensor_msgs",
-    "sphere_nav_msgs",
-    "std_msgs",
-    "std_srvs",
-    "tf2_msgs",
-    "visualization_msgs",
-}
+ROS = {"rclpy", "ackermann_msgs", "rcl_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs"}
+ROS |= {"lifecycle_msgs", "nav_msgs", "nav2_msgs", "rosgraph_msgs", "sensor_msgs", "sphere_nav_msgs", "std_msgs"}
+ROS |= {"std_srvs", "tf2_msgs", "visualization_msgs"}
 WITH_ROS = {L + "ros", TOOLS + "offline", TOOLS + "cli", TOOLS + "library"}
 
 

@@ -25,7 +25,6 @@ MODULES = sorted(path.relative_to(ROOT) for name in PACKAGES for path in (ROOT /
 
 @cache
 def parse(module: Path) -> ast.Module:
-    """Return the syntax tree of a module given by its path below the root."""
     return ast.parse((ROOT / module).read_text(encoding="utf-8"))
 
 
@@ -45,7 +44,6 @@ def imports(module: Path, *, is_at_load: bool = False) -> Iterator[str]:
 
 
 def dotted(module: Path) -> str:
-    """Return the name that a module is imported by."""
     return ".".join(module.with_suffix("").parts).removesuffix(".__init__")
 
 
@@ -56,7 +54,6 @@ def room(name: str) -> str:
 
 
 def is_shell(module: Path) -> bool:
-    """Whether a module is the ROS shell of its package."""
     return "ros" in module.parts[:-1]
 
 

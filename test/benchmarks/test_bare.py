@@ -3,23 +3,7 @@
 import numpy as np
 
 from benchmarks.bare.drives import Drive
-from benchmarks.bare.trials import Trial
 from sphere_nav.geometry import SE3, so3
-from sphere_nav.localization.status import State
-
-
-def trial(meters, states):
-    count = len(meters)
-    zeros = np.zeros(count)
-    return Trial(tuple(states), ("",) * count, np.array(meters, float), zeros, zeros)
-
-
-def test_a_trial_counts_only_tracking_at_the_right_place():
-    follow = [State.SEARCHING, State.TRACKING, State.DEGRADED, State.TRACKING, State.TRACKING]
-    good = trial([9.0, 5.0, 0.2, 0.2, 0.1], follow)
-    assert good.has_converged
-    assert good.num_false == 1
-    assert not trial([0.1, 0.1], [State.TRACKING, State.PROBATION]).has_converged
 
 
 def seen(images, *turns):

@@ -3,10 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from benchmarks.fault_list import FAULTS
 from benchmarks.fault_page import promises
 

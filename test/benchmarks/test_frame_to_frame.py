@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.real.frame_to_frame import OURS, Figures, bounds_of
 from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry import SE3
 
@@ -25,16 +24,3 @@ def test_frames_are_those_of_the_color_camera_with_the_poses_beside_the_recordin
     seen = np.flatnonzero(np.isfinite(frame.depth_m).any(axis=0))
     middle = 320 - 525 * 0.025 / 2.0  # of the depth image: its camera is 2.5 cm to the right
     assert seen.mean() == pytest.approx(middle, abs=2.0)
-
-
-def test_the_bound_is_the_best_peer():
-    figures = {
-        OURS: Figures([1.0, 2.0, 60.0], [0.0] * 3, [2.0] * 3),
-        "A": Figures([5.0, 5.0, 1.0], [0.0] * 3, [30.0] * 3),
-        "B": Figures([1.5, 2.0, 1.0], [0.0] * 3, [40.0] * 3),
-    }
-    failures, error, time = bounds_of(figures, 1)
-    assert (failures.measured, error.bound, error.measured) == (1, 1.5, 2.0)
-    assert error.headline.peer.startswith("B: 1.5")
-    assert (time.measured, time.is_met) == (15.0, True)
-    assert bounds_of({OURS: figures[OURS]}, 1) == [failures]

@@ -7,10 +7,8 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from benchmarks.abuse import fuzz
-from benchmarks.abuse.fuzz_targets import Target, make_targets
+from benchmarks.abuse.fuzz import Target, make_targets
 
 
 def failures(attempt, folder, count=20):

@@ -3,28 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-pytest.importorskip("rclpy")
-
-from benchmarks.drive.mission_cameras import Taught
-from benchmarks.drive.repeats import KINDS, Drive, Found, deviations, draw_drives, judge
+from benchmarks.drive.missions import Taught
+from benchmarks.drive.repeats import Drive, Found, deviations, judge
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
 SECOND = 10**9
 OFF = np.full((1, 6), 0.01)
 GOOD = Found(100, 1.0, 1.0, "", OFF, np.ones(1))
-
-
-def test_every_kind_comes_once_in_a_round():
-    drives = draw_drives(2 * len(KINDS) + 1, 3)
-    assert sorted(drive.kind for drive in drives[: len(KINDS)]) == sorted(KINDS)
-    assert [drive.visit for drive in drives[: len(KINDS)]] == [1] * len(KINDS)
-    assert {drive.visit for drive in drives[len(KINDS) : -1]} == {2}
-    assert drives[-1].visit == 3
-    assert draw_drives(5, 3) == drives[:5] != draw_drives(5, 4)
-    assert len({drive.parameters["season.parked"] for drive in drives}) == len(drives)
 
 
 def test_what_is_judged_begins_with_the_second_visit_but_for_what_is_wrong():

@@ -36,11 +36,3 @@ def test_what_is_red_or_unmeasured_comes_first_then_group_by_group():
     assert marks(page) == [("x", "RED"), ("drift", "ok"), ("late", "ok")]
     assert "| map | `drive a --seed N`, `drive b --seed N` |" in page
     assert marks(write_page([entry("a", bound("lost", float("nan")))])) == [("lost", "RED")]
-
-
-def test_what_is_beyond_the_page_is_met_and_counted():
-    met = entry("a", *(bound(str(number), 0.5) for number in range(50)))
-    page = write_page([met, entry("b", bound("late", 2.0, "robustness"))])
-    assert len(marks(page)) == MAX_ROWS
-    assert marks(page)[0] == ("late", "RED")
-    assert "45 of 51 figures, 1 RED" in page

@@ -1,9 +1,6 @@
 """What a rolling shutter does to a pose by a global one is taken away again."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 
 from benchmarks.real.straight_truth import fit_at_once, twist_of
 from sphere_nav.geometry import SE3, Pinhole

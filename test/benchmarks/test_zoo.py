@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from benchmarks.abuse.zoo import Keeper
 from benchmarks.abuse.zoo_bags import exhibits
 

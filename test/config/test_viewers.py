@@ -7,10 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
-
-pytest.importorskip("rclpy")
 
 from architecture.tree import modules_with, parse
 from sphere_nav.ros.interfaces import message_class

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from cycab_sim import simulator as simulator_module
-from cycab_sim.params import LightParams, RenderParams, SimCameraParams, SimParams, SphereParams
-from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.params import RenderParams, SimCameraParams, SimParams, SphereParams
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT, PLASTERS
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
@@ -51,18 +50,6 @@ def fingerprint():
 
 
 @pytest.fixture(scope="session")
-def town():
-    """Mesh and plan of a town."""
-    return town_of(SEED)
-
-
-@pytest.fixture(scope="session")
-def town_renderer(town):
-    # a coarse shadow map: its resolution is no matter of these tests, its price is
-    return Renderer(town[0], RenderParams(shadow_texel=0.25), LightParams())
-
-
-@pytest.fixture(scope="session")
 def box_mesh():
     """A ground at z = 0 and a box of 2 x 2 x 3 m whose near face is x = 5."""
     mesh = MeshBuilder(np.random.default_rng(1))
@@ -74,7 +61,6 @@ def box_mesh():
 
 @pytest.fixture(scope="session")
 def small_params():
-    """A simulator that renders little of a world that is quickly built."""
     return SimParams(
         seed=SEED,
         world="corridor",
@@ -86,5 +72,4 @@ def small_params():
 
 @pytest.fixture
 def looking_along_x():
-    """Pose of an optical camera 1.5 m above the origin that looks along x."""
     return SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])

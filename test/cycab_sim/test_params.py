@@ -25,7 +25,13 @@ def test_a_condition_sets_what_is_not_set():
         assert in_condition(own) == own
 
 
-def test_what_is_not_such_numbers_is_refused_by_name():
+def test_numbers_of_a_parameter_keep_each_to_its_own_bounds_and_others_are_refused_by_name():
+    for text, is_taken in [("1,-2", True), ("4.1,0", False), ("2,-3.1", False), ("a,2", False)]:
+        if is_taken:
+            assert split_numbers("it", text, "a,b", (0, -3), (4, 5)) == tuple(map(float, text.split(",")))
+        else:
+            with pytest.raises(ValueError, match=f"^it: expected a,b within 0,-3 to 4,5, found '{text}'$"):
+                split_numbers("it", text, "a,b", (0, -3), (4, 5))
     for read, message in [
         (lambda: LightParams(sun="0,2.9").sun_deg, "light.sun: expected azimuth,elevation within .* found '0,2.9'"),
         (lambda: SimCameraParams(size="64.5,48").columns_rows, "camera.size: expected whole numbers"),
@@ -36,12 +42,3 @@ def test_what_is_not_such_numbers_is_refused_by_name():
     ]:
         with pytest.raises(ValueError, match=message):
             read()
-
-
-def test_numbers_of_a_parameter_keep_each_to_its_own_bounds():
-    for text, is_taken in [("1,-2", True), ("4.1,0", False), ("2,-3.1", False), ("a,2", False)]:
-        if is_taken:
-            assert split_numbers("it", text, "a,b", (0, -3), (4, 5)) == tuple(map(float, text.split(",")))
-        else:
-            with pytest.raises(ValueError, match=f"^it: expected a,b within 0,-3 to 4,5, found '{text}'$"):
-                split_numbers("it", text, "a,b", (0, -3), (4, 5))

@@ -52,7 +52,7 @@ def test_limits_hold_whatever_is_asked_for():
         before = now
 
 
-def test_actuators_follow_with_their_time_constant():
+def test_actuators_follow_with_their_time_constant_after_their_dead_time():
     slow = ActuatorParams(speed_lag=0.5, steering_lag=0.0)
     gentle = drive(VehicleState(speed=1.0), VehicleCommand(1.2, 0.0), 0.5, actuation=slow)
     assert gentle.state.speed == pytest.approx(1.2 - 0.2 * math.exp(-1.0), abs=1e-9)
@@ -61,9 +61,6 @@ def test_actuators_follow_with_their_time_constant():
     rate = 1.0 * math.tan(wanted) / PARAMS.wheelbase
     turned = drive(VehicleState(speed=1.0), VehicleCommand(1.0, rate), 0.5, actuation=turning)
     assert turned.state.steering == pytest.approx(wanted * (1 - math.exp(-1.0)), abs=1e-9)
-
-
-def test_nothing_happens_during_the_dead_time():
     dead = ActuatorParams(dead_time=0.3, speed_lag=0.0, steering_lag=0.0)
     assert drive(VehicleState(), VehicleCommand(1.0, 0.0), 0.3, actuation=dead).state.speed == 0.0
     assert drive(VehicleState(), VehicleCommand(1.0, 0.0), 0.4, actuation=dead).state.speed == pytest.approx(0.15)

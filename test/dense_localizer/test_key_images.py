@@ -9,14 +9,12 @@ from dense_localizer.key_images import KeyImages, is_explained, is_lesson
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 
-# Written out: imported, a change would go unseen.
 KEY_REACH, KEY_TURN, MAX_KEY_SIGMA_M, MIN_EXPLAINED_NCC, MIN_KEY_IMAGES = 0.1, 0.1, 0.05, 0.8, 6
 
 REGION_M = 2.0
 
 
 def estimate(x=0.0, yaw=0.0, *, state=State.TRACKING, ncc=0.9, sigma_m=0.01, is_by_map=True, **values):
-    """What the localiser said of an image at a place."""
     choice = SimpleNamespace(region_m=values.get("region_m", REGION_M))
     is_accepted = values.get("is_accepted", True)
     candidate = SimpleNamespace(is_accepted=is_accepted, is_by_map=is_by_map, ncc=ncc, choice=choice)

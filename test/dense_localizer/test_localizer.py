@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -83,15 +85,6 @@ def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
     assert found.T_map_camera is None
 
 
-def test_an_operator_gives_the_pose(room, room_map):
-    run = Run(room, make_localizer(room_map, automatic=False))
-    assert run.see(at(0.3)).status.state is State.NOT_LOCALISED
-    found = run.localizer.relocalize(at(0.35, 0.05, 0.05))
-    assert found.status.state is State.PROBATION
-    states = [run.see(at(0.3 + 0.01 * k)).status.state for k in range(4)]
-    assert states[-1] is State.TRACKING
-
-
 def test_a_given_pose_off_the_map_is_refused(room, room_map):
     run = started(room, room_map)
     for number, (pose, words) in enumerate([(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")]):
@@ -132,3 +125,26 @@ def test_odometry_that_stands_still_is_overruled_and_named(room, room_map):
             assert estimate.status.state is State.TRACKING
     assert (estimate.status.state, estimate.status.reason) == (State.DEGRADED, "ODOM_STALE")
     assert_near(estimate, truth[-1])
+
+
+pytestmark = pytest.mark.slow
+
+READOUT_S = 0.034  # 0.68 of the time between two images
+TURN = np.radians(1.2)  # an image
+
+
+def errors_of(room, room_map, readout_s, known_s):
+    """Return metres and radians (N, 2) of a camera that turns by 1.2 deg an image, after it has been found."""
+    run = Run(room, make_localizer(room_map, camera__readout=known_s))
+    run.follow([at(-1.6)] * 6)
+    poses = [at(-1.6) @ SE3.exp([0.0, 0.0, 0.0, 0.3 * TURN * k, TURN * k, 0.0]) for k in range(13)]
+    found = [run.sweep(*pair, readout_s) for pair in pairwise(poses)]
+    return np.array([error(*pair) for pair in zip(found, poses[1:], strict=True)][2:])
+
+
+def test_known_readout_costs_nothing_and_unknown_costs_much(room, room_map):
+    still = np.median(errors_of(room, room_map, 0.0, 0.0), axis=0)
+    known = np.median(errors_of(room, room_map, READOUT_S, READOUT_S), axis=0)
+    unknown = np.median(errors_of(room, room_map, READOUT_S, 0.0), axis=0)
+    assert np.all(known < 1.3 * still + (0.001, 0.0005))  # a millimetre: a tenth of a pixel of these small images
+    assert np.all(unknown > 2.0 * known)

@@ -14,14 +14,8 @@ import pytest
 
 from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, differences, installed
 
-NOT_INSTALLED = {
-    "benchmarks",
-    "docs",
-    "examples",
-    "launch",
-    "scripts",
-    "test",
-}  # of the root, with Python files, but no packages
+# of the root, with Python files, but no packages
+NOT_INSTALLED = {"benchmarks", "docs", "examples", "launch", "scripts", "test"}
 
 
 def visible_python_files() -> set[Path]:
@@ -68,7 +62,6 @@ LINES = [[name] for name in EXECUTABLES] + [["sphere_nav", "map"]]
 
 
 def explain(words: list[str]) -> str:
-    """Return what is wrong with the help of an executable."""
     line = [str(shutil.which("env")), "-i", str(SCRIPTS / words[0]), *words[1:], "--help"]
     done = subprocess.run(line, cwd="/", capture_output=True, text=True, timeout=300, check=False)
     is_good = (done.returncode, done.stderr, words[-1] in done.stdout) == (0, "", True)
@@ -98,31 +91,17 @@ def write_wheel(folder: Path) -> None:
         wheel.writestr(f"{info}/RECORD", f"nothing_at_all.py,,\n{info}/METADATA,,\n{info}/WHEEL,,\n{info}/RECORD,,\n")
 
 
-def install(settings: str, tmp_path: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+def install(settings: str, tmp_path: Path) -> subprocess.CompletedProcess[str]:
     file = tmp_path / "pip.conf"
     file.write_text(settings, encoding="utf-8")
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "UV_"))}
-    env = kept | {"PIP_CONFIG_FILE": str(file), "UV_CACHE_DIR": str(tmp_path / "cache")} | variables
+    env = kept | {"PIP_CONFIG_FILE": str(file), "UV_CACHE_DIR": str(tmp_path / "cache")}
     line = [sys.executable, str(SCRIPT), "--target", str(tmp_path / "target"), "nothing-at-all"]
     return subprocess.run(line, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600, check=False)
-
-
-def write_index(folder: Path) -> str:
-    write_wheel(folder / "nothing-at-all")
-    link = '<a href="nothing_at_all-1.0-py3-none-any.whl">nothing_at_all-1.0-py3-none-any.whl</a>'
-    (folder / "nothing-at-all" / "index.html").write_text(f"<!DOCTYPE html><html><body>{link}</body></html>")
-    return folder.as_uri()
 
 
 @pytest.mark.dds
 def test_wheels_come_from_the_folder_of_pips_settings(tmp_path: Path) -> None:
     write_wheel(tmp_path / "wheels")
     done = install(f"[global]\nno-index = true\nfind-links = {tmp_path / 'wheels'}\n", tmp_path)
-    assert (tmp_path / "target" / "nothing_at_all.py").is_file(), done.stderr
-
-
-@pytest.mark.dds
-def test_a_variable_of_pip_holds_before_its_file(tmp_path: Path) -> None:
-    settings = f"[global]\nindex-url = {(tmp_path / 'absent').as_uri()}\n"
-    done = install(settings, tmp_path, PIP_INDEX_URL=write_index(tmp_path / "simple"))
     assert (tmp_path / "target" / "nothing_at_all.py").is_file(), done.stderr

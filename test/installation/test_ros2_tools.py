@@ -88,7 +88,6 @@ def ros2() -> str:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the arguments name."""
     folder = tmp_path_factory.mktemp("files")
     made = make_map(wide_room(), [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], Spherical(512, 256))
     save_map(folder / "map", made.graph)
@@ -220,12 +219,7 @@ def test_a_follower_answers_the_tools_of_ros2(ros2: str, files: Path, tmp_path: 
     follower = [ros2, "run", "sphere_nav", "path_follower", "--ros-args", "-r", "__ns:=/tools"]
     seen = ["--no-daemon", "--spin-time", "4"]  # s for the discovery of the node, which on a busy machine takes longer
     asked = {
-        "False, message='POSE_TIMEOUT: no pose yet": [
-            "service",
-            "call",
-            f"{name}/start",
-            "std_srvs/srv/Trigger",
-        ],
+        "False, message='POSE_TIMEOUT: no pose yet": ["service", "call", f"{name}/start", "std_srvs/srv/Trigger"],
         "vehicle.wheelbase: fixed while the node": ["param", "set", *seen, name, "vehicle.wheelbase", "1.5"],
         "3.5": ["topic", "echo", *seen, "--once", "--field", "length", f"{name}/trajectory"],  # to a late listener
         "active [3]": ["lifecycle", "get", *seen, name],

@@ -75,7 +75,6 @@ OPENED = {open_.__name__: open_ for open_ in (bag, read_bag, read_map, spool, sc
 
 
 def held() -> tuple[set[str], set[int | None]]:
-    """Return files that are open, and threads."""
     files = set()
     for number in os.listdir("/proc/self/fd"):
         with suppress(OSError):

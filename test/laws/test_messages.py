@@ -11,9 +11,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import CompressedImage
 from sphere_nav_msgs.msg import FollowerStatus

@@ -1,15 +1,18 @@
 """Resampling, weights, headings, motion, hypotheses, cache and homing against what they should be in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from mcl_depth.belief.resampling import low_variance_indices
+from mcl_depth.geometry import kernels as geometry
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
+from mcl_depth.likeness import kernels as likeness
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
-from mcl_depth.params import DirectionParams
+from mcl_depth.params import DirectionParams, FilterParams
+from mcl_depth.site import PRESETS, apply_preset
+from mcl_depth.warm_up import warm_up
+from sphere_nav.params import build, to_mapping
 
 
 def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
@@ -62,8 +65,6 @@ def test_a_direction_is_clear_where_the_best_samples_lead_by_one_and_a_half_devi
 
 
 class Curves:
-    """A comparison whose similarities (N, A) are given."""
-
     def __init__(self, values):
         self.values = values
 
@@ -105,3 +106,34 @@ def test_a_smaller_cache_takes_what_was_used_last_and_counts_its_hits(tmp_path):
     small.clear()
     assert (small.hit_rate, len(small), DepthCache(1, empty).capacity) == (0.0, 0, 1)
     assert small.load(tmp_path / "none") == 0
+
+
+ROOM = (np.zeros(3), np.array([9.0, 6.0, 2.6]))
+CORRIDOR = (np.zeros(3), np.array([160.0, 5.0, 2.6]))
+TOWN = (np.zeros(3), np.array([140.0, 120.0, 20.0]))
+
+
+def test_the_cloud_tells_the_surroundings():
+    for box, name in [(ROOM, "indoor"), (CORRIDOR, "indoor"), (TOWN, "outdoor")]:
+        found = apply_preset(FilterParams(), box)
+        assert found.preset == name
+        values = to_mapping(found)
+        assert {key: values[key] for key in PRESETS[name]} == PRESETS[name]
+
+
+def test_what_was_set_stays_and_what_was_chosen_is_used():
+    given = build(FilterParams, {"preset": "outdoor", "area.step": 1.0})
+    found = apply_preset(given, ROOM)
+    assert (found.area.step, found.cache.max_distance) == (1.0, 0.5)
+
+
+KERNELS = (  # that an image, or a panorama that it is compared with, goes through
+    likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many,
+    likeness.correlate_codes, geometry.draw_many,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_step_of_headings_can_be_warmed_up():
+    warm_up(build(FilterParams, {"heading_step_deg": 10.0}))
+    assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []

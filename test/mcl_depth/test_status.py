@@ -12,7 +12,6 @@ from mcl_depth.status import REMEDIES, BeliefVerdict, count, judge_belief
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import Reason, State, Verdict
 
-# Written out: imported, a change would go unseen.
 LOST_IMAGES = 6
 
 P = MclStateParams(probation_images=2)

@@ -22,15 +22,12 @@ INPUT_REASONS = {"TIMEOUT", "FROZEN", "BAD_STAMP", "BAD_INFO", "TF_STALE", "LOW_
 
 
 class Car:
-    """A localiser on a bus, its camera, and what it says."""
-
     def __init__(self, node_class, values):
         self.bus, self.now = OfflineBus(), 100 * SECOND
         self.node = self.bus.add(node_class, {"base_frame": ""} | values)
         list(self.bus.advance(self.now))
 
     def begin(self):
-        """Forget what was seen; see a good image."""
         assert self.node.endpoints.call("reset").success
         self.wait(20 * SECOND)
         self.calibrate(CAMERA)
@@ -80,12 +77,6 @@ def localizer(request, tmp_path_factory):
         )
     np.save(folder / "room.npy", room_points(0.1))
     return Car(MclDepthNode, {"cloud": str(folder / "room.npy"), "camera_height": 1.2} | SETTINGS)
-
-
-@pytest.fixture
-def car(localizer):
-    localizer.begin()
-    return localizer
 
 
 def raw(car, **fields):
@@ -143,12 +134,10 @@ def test_a_bad_image_is_answered_by_its_reason_and_the_next_good_one_used(locali
         assert localizer.see().reason not in INPUT_REASONS, case
 
 
-def test_a_silent_camera_is_told_by_arrival(car):
-    said = car.wait(5 * SECOND)
+def test_a_silent_camera_is_told_by_arrival_and_a_jump_of_the_clock_is_a_new_time_after_three_images(localizer):
+    localizer.begin()
+    said = localizer.wait(5 * SECOND)
     assert {status.reason for status in said} == {"TIMEOUT"}
-    assert car.see().reason not in INPUT_REASONS
-
-
-def test_a_jump_of_the_clock_is_a_new_time_after_three_images(car):
-    car.wait(60 * SECOND)
-    assert [car.see().reason in INPUT_REASONS for _ in range(3)] == [True, True, False]
+    assert localizer.see().reason not in INPUT_REASONS
+    localizer.wait(60 * SECOND)
+    assert [localizer.see().reason in INPUT_REASONS for _ in range(3)] == [True, True, False]

@@ -29,7 +29,6 @@ CYCLES = 4
 
 @pytest.fixture(scope="module")
 def values(tmp_path_factory):
-    """Return by node what it needs to be configured."""
     folder = tmp_path_factory.mktemp("lives")
     with BagWriter(folder / "bag") as bag:
         bag.write("text", String(data="0"), 0)

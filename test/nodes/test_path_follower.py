@@ -38,8 +38,6 @@ def status_message(state, stamp):
 
 
 class Bench:
-    """A node on an offline bus, and an ideal car that does what it is told."""
-
     def __init__(self, **values):
         self.bus = OfflineBus()
         self.node = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True} | values)
@@ -88,16 +86,6 @@ def drive_until(bench, x):
         if bench.x > x:
             return
     raise AssertionError(f"expected to pass {x} m, found {bench.x:.2f}")
-
-
-@pytest.mark.slow
-def test_a_drive_to_the_end(bench):
-    drive_until(bench, 19.8)
-    for _ in range(60):
-        said = bench.step()
-    status = bench.last(said, "/path_follower/status")
-    assert (status.state, status.reason, status.is_armed) == ("FINISHED", "END_OF_PATH", False)
-    assert bench.x == pytest.approx(19.9, abs=0.1)
 
 
 def test_errors_are_published_while_driving(bench):

@@ -62,8 +62,6 @@ def folder(tmp_path):
 
 
 class Trip:
-    """Both nodes on a bus, and an ideal car."""
-
     def __init__(self, folder):
         self.values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
         self.bus = OfflineBus(start_ns=SECOND)
@@ -165,8 +163,3 @@ def test_a_vehicle_does_not_drive_in_another_map_than_that_of_the_network(trip):
     trip.navigator.on_localizer(message)
     trip.navigator.on_tick()
     assert "in map hall, the network is of campus" in trip.navigator.mission.reason
-
-
-def test_without_a_network_it_does_not_start(tmp_path):
-    with pytest.raises(ValueError, match="network: expected a map with routes"):
-        OfflineBus().add(RouteNavigator, {"state": str(tmp_path)})

@@ -29,8 +29,6 @@ def rig_path(tmp_path):
 
 
 class Bench:
-    """A node on an offline bus; `spheres` is what it published."""
-
     def __init__(self, **values):
         self.bus = OfflineBus()
         self.node = self.bus.add(SphereStitcher, SMALL | values)

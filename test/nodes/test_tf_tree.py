@@ -54,7 +54,6 @@ def send(bus, topic, message):
 
 
 def edges(said, topics=("/tf", "/tf_static")):
-    """Return the parents of each frame that was told."""
     parents = defaultdict(set)
     for item in said:
         for transform in item.message.transforms if item.topic in topics else ():
@@ -63,7 +62,6 @@ def edges(said, topics=("/tf", "/tf_static")):
 
 
 def check(parents, root, *leaves):
-    """Assert one parent each, and that every leaf hangs on the root."""
     assert {child: found for child, found in parents.items() if len(found) != 1} == {}
     assert set().union(*parents.values()) - parents.keys() == {root}
     for frame in leaves:

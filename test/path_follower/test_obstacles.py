@@ -27,18 +27,11 @@ def count(path, points, pose=HERE, distance=2.0):
     return points_in_way(np.array(points, dtype=float), pose, path, location, distance, PARAMS)
 
 
-def test_a_vehicle_does_not_stop_for_what_stands_beyond_where_it_would_stand(straight):
+def test_a_vehicle_stops_for_what_stands_in_its_way_not_for_what_is_beyond_behind_or_of_its_own_body(straight):
     assert count(straight, [(FRONT + 1.9, 0.0)]) == 1
     assert count(straight, [(FRONT + 2.3, 0.0)]) == 0
     assert count(straight, [(2.0, HALF - 0.02), (2.0, HALF + 0.02), (2.0, -HALF + 0.02)]) == 2
-
-
-def test_a_vehicle_does_not_stop_for_its_own_body(straight):
-    assert count(straight, [(1.5, 0.0), (-0.3, 0.5)]) == 0
-
-
-def test_a_vehicle_ahead_does_not_stop_for_what_is_behind(straight):
-    assert count(straight, [(-1.0, 0.0)]) == 0
+    assert count(straight, [(1.5, 0.0), (-0.3, 0.5), (-1.0, 0.0)]) == 0
 
 
 def test_a_vehicle_in_a_bend_stops_for_what_stands_in_the_bend(kit):

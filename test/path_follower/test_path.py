@@ -8,7 +8,6 @@ import pytest
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 
-# Written out: imported, a change would go unseen.
 SPACING = 0.1
 
 PARAMS = FollowerParams()

@@ -48,14 +48,7 @@ def test_columns_go_by_name_or_by_the_usual_order(tmp_path):
 
 
 def test_columns_of_names_that_are_not_known_are_refused(tmp_path):
-    for text in [
-        "time,pos_x,pos_y\n0,0,3\n1,1,3\n",
-        "x,y,theta,velocity\n0,0,0,-0.5\n-1,0,0,-0.5\n",
-        "# lat, lon\n0,0\n1,0\n",
-        "x,y,yaw_deg\n0,0,0\n1,0,0\n",
-        "x,x_m,y\n0,0,0\n1,0,0\n",
-        "x,heading\n0,0\n1,0\n",
-    ]:
+    for text in ["time,pos_x,pos_y\n0,0,3\n1,1,3\n", "# lat, lon\n0,0\n1,0\n", "x,y,yaw_deg\n0,0,0\n1,0,0\n"]:
         (tmp_path / "path.csv").write_text(text)
         names = text.split("\n")[0].lstrip("# ").replace(",", ", ").replace("  ", " ")
         with pytest.raises(ValueError, match=f"path.csv:.: expected columns of the names x .*yaw .*found '{names}'"):
@@ -67,10 +60,8 @@ def test_semicolons_part_columns_and_commas_are_no_decimal_points(tmp_path):
     assert read_path(tmp_path / "path.csv", PARAMS).x[0] == pytest.approx(0.5)
     for text, message in [
         ("x;y\n0,5;3,0\n1,5;3,0\n", "path.csv:2: expected numbers with a decimal point, found '0,5'"),
-        ("0,5;3,0\n1,5;3,0\n", "path.csv:1: expected numbers with a decimal point, found '0,5'"),
         ("x,y\n0,5,3,0\n1,5,3,0\n", "path.csv:2: expected 2 columns, found 4: decimal commas?"),
         ("0,5,3,0\n1,5,3,0\n2,0,3,0\n", "path.csv: expected a header line for whole numbers in 4 columns"),
-        ("0,5,3\n1,5,3\n2,5,3\n", "path.csv: expected a header line for whole numbers in 3 columns"),
     ]:
         (tmp_path / "path.csv").write_text(text)
         with pytest.raises(ValueError, match=message):
@@ -130,14 +121,10 @@ def test_what_topic_echo_has_cut_is_told_with_the_option(tmp_path):
 
 def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
     for text, message in [
-        ("", "path.csv: expected points, found none"),
         ("x,y\n", "path.csv: expected points, found none"),
         ("0,0\n1,nan\n", "path.csv:2: y: expected a finite number, found 'nan'"),
-        ("0,0\n1,zero\n", "path.csv:2: y: expected a finite number, found 'zero'"),
         ("0,0\n1\n", "path.csv:2: expected 2 columns, found 1"),
-        ("0,0\n1,0,3\n", "path.csv:2: expected 2 columns"),
         ("0,0\n0,0\n", "path.csv: path: expected a length of 0.2 to 100000 m, found 0 m"),
-        ("1,1\n", r"path.csv: path: expected 2 to 1000000 points"),
     ]:
         (tmp_path / "path.csv").write_text(text)
         with pytest.raises(ValueError, match=message) as caught:
@@ -204,15 +191,8 @@ def test_a_wrong_yaml_or_geojson_is_refused_in_one_line(tmp_path):
     for ending, found, message in [
         ("geojson", line(AHEAD), "crs.properties.name: expected that of a frame in metres, as 'local', found none"),
         ("geojson", line(AHEAD) | EARTH, "found 'urn:ogc:def:crs:OGC:1.3:CRS84': longitude and latitude"),
-        ("geojson", line([0, 0], "Point") | LOCAL, "expected a LineString or a MultiLineString, found none"),
         ("geojson", line([AHEAD, [[11, 0], [12, 0]]], "MultiLineString") | LOCAL, "last line ends, found one 1 m"),
-        ("geojson", line([[0, 0], [1, "x"]]) | LOCAL, "expected a finite number, found 'x'"),
-        ("geojson", line(AHEAD, reverse=1) | LOCAL, "reverse: expected true or false, found 1"),
-        ("yaml", {"points": []}, "points: expected a list of 1 to"),
-        ("yaml", {"points": [[0, 0], [1]]}, "points[1]: expected 2 numbers, found 1"),
-        ("yaml", {"points": [{"x": 1}]}, "points[0]: expected [x, y], [x, y, yaw] or [x, y, yaw, speed]"),
         ("yaml", {"points": AHEAD, "frame": "odom"}, "frame: expected 'map', found 'odom'"),
-        ("yaml", {"poses": [{"pose": {"position": {"x": 0}}}]}, "poses[0].orientation: expected a value, found none"),
         ("yaml", {"points": AHEAD, "closed": True}, "path.yaml.closed: expected only points, is_closed, map_id, frame"),
     ]:
         file = tmp_path / f"path.{ending}"

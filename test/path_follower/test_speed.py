@@ -22,12 +22,9 @@ def reference(speed, direction=1):
     return ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 
 
-def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
+def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says_and_does_not_drive_back():
     for ahead, speed in [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)]:
         assert speed_law(reference(1.4), ahead) == pytest.approx(speed)
-
-
-def test_a_vehicle_far_ahead_stands_and_does_not_drive_back():
     assert speed_law(reference(0.5), 10.0) == 0.0
     assert speed_law(reference(-0.5, -1), -10.0) == 0.0
     assert speed_law(reference(0.0), -0.5) == pytest.approx(0.04)  # it creeps to where it should stand
@@ -109,15 +106,12 @@ def turned(speed=1.4, curvature=0.0, yaw=0.0, direction=1):
     return ReferencePoint(2.0, -1.0, yaw, speed, speed * curvature, curvature, 0.0, direction)
 
 
-def test_errors_are_measured_in_the_axes_of_the_reference():
+def test_errors_are_measured_in_the_axes_of_the_reference_and_across_the_half_turn():
     point = turned(yaw=math.pi / 2)
     errors = errors_of(Pose2(1.7, -0.6, math.pi / 2 + 0.1), point)
     assert errors.longitudinal == pytest.approx(0.4)
     assert errors.lateral == pytest.approx(0.3)
     assert errors.yaw == pytest.approx(0.1)
-
-
-def test_a_heading_across_the_half_turn_is_no_large_error():
     assert errors_of(Pose2(0, 0, -3.1), turned(yaw=3.1)).yaw == pytest.approx(2 * math.pi - 6.2)
 
 

@@ -127,11 +127,17 @@ def test_a_car_stands_below_three_centimeters_a_second():
         assert predictor.is_standing == is_standing
 
 
-def test_a_start_waits_until_the_wheels_are_turned_within_a_tenth():
+def test_a_start_waits_once_until_the_wheels_are_turned_within_a_tenth():
     for off, waits in [(0.09, False), (0.11, True), (-0.09, False), (-0.11, True)]:
         limiter = Limiter(CAR)
         limiter.last = Motion(0.0, 0.2 + off)
         assert limiter.is_starting(math.tan(0.2) / CAR.wheelbase) == waits
+    limiter = Limiter(CAR)
+    assert limiter.is_starting(0.3)
+    for k in range(60):
+        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
+    assert not limiter.is_starting(0.3)
+    assert not limiter.is_starting(-0.3)  # under way
 
 
 def test_a_pose_is_predicted_over_half_a_second_and_commands_are_kept_for_three():
@@ -179,12 +185,3 @@ def test_a_prediction_goes_by_steps_of_20_ms():
     predictor.remember(0, Motion(1.0, 0.0))
     predicted = predictor.predict(Pose2(0, 0, 0), 0, 8 * STEP, None).x
     assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))
-
-
-def test_a_start_waits_for_the_wheels_once():
-    limiter = Limiter(CAR)
-    assert limiter.is_starting(0.3)
-    for k in range(60):
-        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
-    assert not limiter.is_starting(0.3)
-    assert not limiter.is_starting(-0.3)  # under way

@@ -7,7 +7,6 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import information, normal_equations, residuals, rms_px, solve
 from rig_calibration.boards.intrinsics import calibrate_camera, view_poses
 from rig_calibration.boards.observability import Spread, warnings
-from rig_calibration.boards.rejection import reject
 from rig_calibration.boards.state import SHARED, RigState, camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
@@ -70,15 +69,6 @@ def test_a_disturbed_solution_settles_where_it_was(seen, single):
     again = solve(problem, disturbed, single.adjusted.kept)
     assert rms_px(again.residuals, single.adjusted.kept) == pytest.approx(single.rms_px, rel=1e-6)
     assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
-
-
-def test_a_false_corner_and_a_false_view_go(seen, single):
-    errors = single.adjusted.solution.residuals.copy()
-    errors[5] = 1.5  # alone it does not condemn its view
-    errors[seen.starts[2] : seen.starts[3]] += 2.0
-    kept, dropped = reject(seen, errors, np.ones(810))
-    assert kept[5] == 0.0
-    assert set(dropped) == {2}
 
 
 def test_views_that_no_lens_explains_are_refused(seen, monkeypatch):

@@ -4,14 +4,12 @@ import copy
 import importlib.util
 import json
 
-import numpy as np
 import pytest
 
 from architecture.tree import ROOT
 
 
 def script(name):
-    """Return a module of scripts/, which is not installed."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -41,30 +39,3 @@ def test_a_digest_that_differs_is_named_or_left_out_by_a_pattern(record, tmp_pat
     assert compare(tmp_path, record, after) == 1
     assert " | ".join(row) in capsys.readouterr().out
     assert compare_results.differences(record, after, ["kitchen map*"]) == []
-
-
-def test_every_bit_of_a_message_counts_but_for_computing_time():
-    pytest.importorskip("rclpy")
-    from geometry_msgs.msg import Vector3
-    from sensor_msgs.msg import Image
-    from sphere_nav_msgs.msg import LocalizationStatus
-
-    results = compare_results.Results(None, None, None)
-
-    def digest(kind, *messages):
-        results.add_messages("bag", [("/topic", kind, message) for message in messages])
-        return results.digests["bag /topic"]
-
-    status = "sphere_nav_msgs/msg/LocalizationStatus"
-    told = [
-        LocalizationStatus(milliseconds=1.0),
-        LocalizationStatus(milliseconds=2.0),
-        LocalizationStatus(state="LOST"),
-    ]
-    assert digest(status, told[0]) == digest(status, told[1]) != digest(status, told[2])
-    x = [0.0, -0.0, 1.0, float(np.nextafter(1.0, 2.0))]
-    assert len({digest("", Vector3(x=value)) for value in x}) == 4
-    assert digest("", Image(data=bytes([1, 2]))) != digest("", Image(data=bytes([1, 3])))
-    early, late = Image(), Image()
-    late.header.stamp.sec = 1
-    assert digest("", early, late) == digest("", late, early) != digest("", early)

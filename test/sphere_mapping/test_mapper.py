@@ -13,7 +13,6 @@ from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
-# Written out: imported, a change would go unseen.
 NUM_LOST = 3
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)

@@ -26,8 +26,6 @@ Message = tuple[str, object, int]  # topic, message, stamp
 
 
 class Frames:
-    """Messages of an RGB-D camera, its truth and its mount."""
-
     def __init__(self, camera: Pinhole) -> None:
         self.camera = camera
 
@@ -50,7 +48,6 @@ class Frames:
 
 
 def write_bag(path: Path, messages: Iterable[Message]) -> Path:
-    """Write messages in their order."""
     with BagWriter(path) as bag:
         for topic, message, stamp in messages:
             bag.add_topic(topic, type(message), qos.TF_STATIC if topic == "/tf_static" else qos.STATE)
@@ -60,7 +57,6 @@ def write_bag(path: Path, messages: Iterable[Message]) -> Path:
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Callable[..., Path]:
-    """Write messages into tmp_path/<name>."""
     return lambda name, messages: write_bag(tmp_path / name, messages)
 
 
@@ -72,7 +68,6 @@ def wall() -> tuple[np.ndarray, np.ndarray]:
 
 
 def wall_messages(count: int = 3) -> list[Message]:
-    """A camera that stands still before the wall."""
     frames, (pixels, depth_m) = Frames(SMALL), wall()
     messages = [frames.mount(SECOND)]
     for stamp in range(SECOND, SECOND + count * PERIOD, PERIOD):

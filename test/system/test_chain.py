@@ -75,8 +75,6 @@ def test_localising_twice_gives_the_same_bits(chain):
 
 @pytest.fixture
 def processes(spawn):
-    """Start commands of this package."""
-
     def start(code: str, *words: object) -> subprocess.Popen:
         line = [sys.executable, "-c", f"import sys; {code}", *map(str, words)]
         return spawn(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)

@@ -54,7 +54,6 @@ def save_images(folder: Path, pictures: dict[str, np.ndarray]) -> None:
 
 
 def save_video(path: Path, picture: np.ndarray) -> None:
-    """Write a video of one second."""
     video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, picture.shape[::-1])
     for _ in range(10):
         video.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))

@@ -13,13 +13,6 @@ REALSENSE = {
     "/depth/image_raw": "/camera/camera/aligned_depth_to_color/image_raw",
     "/tf_static": "/tf_static",
 }
-ZED = {
-    "/left/image_raw": "/zed/zed_node/left/image_rect_color",
-    "/left/camera_info": "/zed/zed_node/left/camera_info",
-    "/right/image_raw": "/zed/zed_node/right/image_rect_color",
-    "/right/camera_info": "/zed/zed_node/right/camera_info",
-    "/tf_static": "/tf_static",
-}
 
 
 def copy_bag(source, target, names, change=lambda topic, message: message, storage=StoragePlugin.MCAP):

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from worlds.room import Room
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from worlds.room import Room, optical
+
+SPHERE, CAMERA = Spherical(768, 384), Pinhole(240, 180, 165.0, 165.0, 119.5, 89.5)
+TRUTH = optical(SE3.from_planar(-1.7, 0.1, 0.05))  # where images are taken
 
 
 def boxes_along(seed, places, height=2.1):
@@ -31,3 +35,14 @@ class ParkingRoom(Room):
             gray[is_hit] = self.gray((origin + rays[is_hit] * near[is_hit][:, None]) + 10.0 * seed)
             range_m[is_hit] = near[is_hit]
         return gray, range_m
+
+
+def parked(seed=1, places=(0.0, 2.0, 4.0)):
+    """Return a long room with boxes along its walls; by default those of the day that is mapped."""
+    boxes = boxes_along(seed, places, height=1.8)
+    return ParkingRoom((8.0, 3.0, 1.5), (1.0, 40.0, 40), gain=30.0, boxes=boxes)
+
+
+def other_day():
+    """Return the room on another day: others, elsewhere."""
+    return parked(7, (-0.7, 1.2, 3.2))

@@ -7,7 +7,14 @@ import numpy as np
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
+from sphere_nav.photometric import View, prepare_reference
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+
+SPHERE = Spherical(512, 256)
+TWO_PLACES = (SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0]))
+BESIDE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])  # where images are taken
 
 
 class Room:
@@ -91,3 +98,18 @@ def sharp_room(half=(4.0, 3.0, 2.0), shortest: float = 0.25, seed: int = 7) -> R
 def optical(T_room_body: SE3) -> SE3:
     """Return the pose of a camera that looks along the body's x axis."""
     return T_room_body @ T_BODY_OPTICAL
+
+
+def soft_room(seed: int) -> Room:
+    """Return a room without fine texture."""
+    return Room((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=seed)
+
+
+def views_of(room, params, sphere=SPHERE, places=TWO_PLACES):
+    """Return references of what spheres saw at the places."""
+    return [View(prepare_reference(*room.render(sphere, T), sphere, params), T) for T in places]
+
+
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)

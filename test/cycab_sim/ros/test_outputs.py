@@ -3,26 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from cycab_sim.params import CameraRigParams, ImuParams, ScanParams, SimCameraParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.ros.conversions import (
-    camera_from_info,
-    image_to_array,
-    message_to_sphere,
-    stamp_ns,
-    transform_to_se3,
-)
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns, transform_to_se3
 from sphere_nav.ros.conversions.driving import scan_to_points
 
 
 class Catcher:
-    """Stands for a node: keeps what is published, by topic."""
-
     def __init__(self):
         self.sent, self.kinds = {}, {}
 

@@ -8,14 +8,11 @@ from cycab_sim.sensors.cameras import OPTICAL, forward_camera, make_lens
 from sphere_nav.geometry import SE3
 
 
-def test_the_forward_camera_is_where_its_six_numbers_put_it():
+def test_the_forward_camera_is_where_its_six_numbers_put_it_and_a_panorama_has_body_axes():
     mount = forward_camera(SimCameraParams(mounting_deg="0.7,-0.2,1.3,10,-20,150"), ImagingParams())
     expected = SE3.from_angles(*np.radians([10.0, -20.0, 150.0]), [0.7, -0.2, 1.3])
     np.testing.assert_allclose(mount.T_base_camera.rotation, expected.rotation @ OPTICAL, atol=1e-12)
     np.testing.assert_array_equal(mount.T_base_camera.translation, [0.7, -0.2, 1.3])
-
-
-def test_a_panorama_has_body_axes():
     params = SimCameraParams(model="panorama", size="720,360", mounting_deg="1,0,1.6,0,0,0")
     mount = forward_camera(params, ImagingParams(vignetting=0.3))
     assert mount.imaging.vignetting == 0.0  # it has no corners

@@ -5,16 +5,13 @@ from cycab_sim.sensors.faults import SECOND, Faults
 from cycab_sim.vehicle import VehicleCommand
 
 
-def test_a_fault_is_in_force_from_its_start_for_its_duration():
+def test_a_fault_is_in_force_for_its_duration_and_without_times_from_now_until_cleared():
     faults = Faults()
     faults.add("camera", "noise", 5.0, 2.0, 3.0, now_ns=0)
     times = [1.9, 2.0, 4.9, 5.0]
     assert [faults.magnitude("camera", "noise", int(t * SECOND)) for t in times] == [None, 5.0, 5.0, None]
     assert faults.magnitude("sphere", "noise", 3 * SECOND) is None
     assert faults.active(6 * SECOND) == []
-
-
-def test_without_times_it_holds_from_now_until_cleared():
     faults = Faults()
     faults.add("odom", "slip", 0.3, 0.0, 0.0, now_ns=7 * SECOND)
     assert faults.magnitude("odom", "slip", 6 * SECOND) is None

@@ -14,12 +14,10 @@ AUTOMATIC = ImagingParams(has_automatic_exposure=True)
 
 
 def gray(radiance, gain):
-    """A grey image of even light."""
     return np.full((32, 32), 255.0 * min(1.0, radiance * gain) ** (1 / GAMMA), np.float32)
 
 
 def run(exposure, radiances):
-    """Levels of images 0.1 s apart."""
     levels = []
     for i, radiance in enumerate(radiances):
         image = gray(radiance, exposure.gains(i * TENTH)[1])

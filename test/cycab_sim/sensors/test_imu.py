@@ -10,7 +10,6 @@ from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
 
-# Written out: imported, a change would go unseen.
 GRAVITY = 9.80665
 
 STEP = 10_000_000

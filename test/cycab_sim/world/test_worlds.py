@@ -5,29 +5,10 @@ import pytest
 
 from cycab_sim import geometry_cloud
 from cycab_sim.simulator import Simulator
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
-
-# Written out: imported, a change would go unseen.
-BAY, CORRIDOR = 8.0, 160.0
-
-
-@pytest.mark.slow
-def test_the_cloud_lies_on_the_corridor_and_repeats_with_its_bays():
-    cloud = geometry_cloud(3, 0.1, "corridor")
-    assert cloud.shape[1] == 3
-    assert np.array_equal(cloud, geometry_cloud(3, 0.1, "corridor"))
-    np.testing.assert_allclose(cloud[:, 0].max(), CORRIDOR, atol=0.31)  # the end wall is 0.3 m thick
-
-    def outline(x):
-        at_height = cloud[(np.abs(cloud[:, 2] - 1.5) < 0.3) & (np.abs(cloud[:, 0] - x) < 0.2)]
-        return np.abs(at_height[:, 1]).min()
-
-    # bays cannot be told apart by their shape: points are 0.1 m apart on walls that are the same
-    for x in (3.0, BAY - 0.8):
-        found = [outline(x + BAY * i) for i in range(15)]
-        assert np.ptp(found) < 0.1
-    assert abs(outline(BAY - 0.8) - outline(3.0)) > 0.4  # a niche is not a wall
 
 
 def test_a_cloud_needs_a_spacing():
@@ -57,3 +38,24 @@ def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
     wheels = T_world_base.apply(np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.6, 0], [0, -0.6, 0]]))
     np.testing.assert_allclose(wheels[:, 2], ground.height(wheels[:, 0]), atol=2e-3)  # second order in the slope
     assert GroundProfile().follow(planar, 1.2, 1.2) is planar
+
+
+def test_the_block_is_closed_and_other_names_are_refused():
+    plan = draw_plan(2)
+    path = taught_path(plan, "block")
+    start, end = path.at(np.array([0.0, path.length - 1e-9]))
+    np.testing.assert_allclose(end[:2], start[:2], atol=1e-6)
+    assert path.length > 120.0
+    with pytest.raises(ValueError, match="two_turns, block, straight, found 'moon'"):
+        taught_path(plan, "moon")
+
+
+SNAKE = Path((1.0, 2.0, 0.3), (Piece(5.0), turn(4.0, 90), Piece(3.0), turn(6.0, -45), Piece(2.0)))
+
+
+def test_projection_finds_the_distance_again(rng):
+    for s in rng.uniform(0.5, SNAKE.length - 0.5, 50):
+        x, y, yaw, _ = SNAKE.at(np.array(s))
+        off = rng.uniform(-0.3, 0.3)
+        found = SNAKE.project(x - off * np.sin(yaw), y + off * np.cos(yaw), s + rng.uniform(-1, 1))
+        assert found == pytest.approx(s, abs=0.005)  # first order within a grid of 25 mm on curvature 1/4

@@ -38,10 +38,12 @@ def assessed(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, s
     return assess(alignment, covariance, choice, prediction, PARAMS, structure=structure)
 
 
-def test_a_good_alignment_is_accepted_without_a_word():
+def test_a_good_alignment_is_accepted_without_a_word_whatever_the_light():
     verdict = assessed(GOOD)
     assert (verdict.is_accepted, verdict.is_good, verdict.finding.reason) == (True, True, "")
     assert 0.5 < verdict.quality <= 1.0
+    for change in [{"gains": (4.0, 5.0)}, {"biases": (-120.0, 90.0)}]:
+        assert assessed(replace(GOOD, **change)).is_good
 
 
 @pytest.mark.parametrize("prediction", [HERE, GUESS])
@@ -90,21 +92,13 @@ def test_an_uncertain_pose_is_refused():
     assert not assessed(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
 
 
-def test_three_standard_deviations_of_a_good_pose_are_within_the_promise():
+def test_three_standard_deviations_of_a_good_pose_are_within_the_promise_along_and_about_each_axis():
     for sigma_m, is_good in ((0.099, True), (0.101, False), (0.199, False)):
         verdict = assessed(GOOD, covariance=np.diag([sigma_m**2, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]))
         assert (verdict.is_accepted, verdict.is_good) == (True, is_good)
-
-
-def test_no_change_of_light_alone_makes_a_pose_doubtful():
-    for change in [{"gains": (4.0, 5.0)}, {"biases": (-120.0, 90.0)}]:
-        assert assessed(replace(GOOD, **change)).is_good
-
-
-def test_outliers_far_from_every_sphere_are_outside_the_region():
-    verdict = assessed(replace(GOOD, ncc=0.3), distance_ratio=1.2)
-    assert (verdict.is_accepted, verdict.finding.reason) == (False, "OUTSIDE_REGION")
-    assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
+    for sigma_rad, is_accepted, is_good in [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]:
+        found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
+        assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
 
 
 def test_a_pose_beside_an_unsure_prediction_is_no_jump():
@@ -127,7 +121,7 @@ def test_where_parts_have_proven_a_pose_the_whole_only_says_how_much_has_changed
     assert not assessed(replace(GOOD, overlap=0.1), structure=hidden).is_accepted  # what is not seen proves nothing
 
 
-def test_a_pose_by_little_of_the_view_is_not_driven_by():
+def test_a_pose_by_little_of_the_view_or_by_gradients_that_do_not_agree_is_not_driven_by():
     for change, is_accepted, is_good in [
         ({"overlap": 0.24}, True, False),
         ({"overlap": 0.26}, True, True),
@@ -137,9 +131,6 @@ def test_a_pose_by_little_of_the_view_is_not_driven_by():
     ]:
         found = assessed(replace(GOOD, **change))
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
-
-
-def test_gradients_that_do_not_agree_place_nobody():
     for structure, is_accepted, is_good in [
         (Structure(0.19), False, False),
         (Structure(0.24), True, False),
@@ -166,12 +157,6 @@ def test_a_pose_that_light_or_a_cover_pulls_is_not_driven_by(kind, factor, is_ac
         bias = type(Structure().illumination)(0.5, xi)
         found = assessed(GOOD, structure=Structure(**{{"light": "illumination", "occlusion": "occlusion"}[kind]: bias}))
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
-
-
-def test_a_vehicle_of_which_nobody_knows_where_it_looks_is_not_placed():
-    for sigma_rad, is_accepted, is_good in [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]:
-        found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
-        assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
 
 
 def test_a_pose_far_from_its_prediction_is_not_driven_by():

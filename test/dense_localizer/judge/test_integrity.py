@@ -22,7 +22,6 @@ from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, err
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
 
-# Written out: imported, a change would go unseen.
 INTEGRITY_PERIOD, MAP_PHASE = 10, 5
 
 

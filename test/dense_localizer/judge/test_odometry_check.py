@@ -5,7 +5,6 @@ from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 
-# Written out: imported, a change would go unseen.
 DISPUTE_S = 10.0
 
 STEP_NS = 50_000_000
@@ -84,8 +83,5 @@ def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, i
         off = SE3.exp(sigmas * sigma * np.eye(6)[axis])
         check.start(OdometrySample(2 * STEP_NS, off, COVARIANCE, SE3.identity()))
         found = [check.find(OdometrySample(k * STEP_NS, off, COVARIANCE, SE3.identity())) for k in (3, 198, 204)]
-        assert [finding.reason is Reason.ODOM_STALE for finding in found] == [
-            is_disputed,
-            is_disputed,
-            False,
-        ]  # for 10 s
+        # for 10 s
+        assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]

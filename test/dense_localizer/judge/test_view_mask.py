@@ -21,7 +21,6 @@ PATTERN = np.kron(np.random.default_rng(7).integers(20, 230, (6, 32)), np.ones((
 
 
 def with_bonnet(image, pattern=PATTERN):
-    """Return an image whose lower quarter the vehicle covers."""
     return np.concatenate([image[:TOP], pattern])
 
 

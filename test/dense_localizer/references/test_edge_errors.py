@@ -9,7 +9,7 @@ from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 HERE = SE3.identity()
 LOOSE, TIGHT = 1e-2, 1e-6
-EDGE_HOPS = 5  # written out: imported, a change would go unseen
+EDGE_HOPS = 5
 
 
 def graph_of(edges, poses=None, experiences=None):

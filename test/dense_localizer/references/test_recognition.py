@@ -14,7 +14,6 @@ from worlds.room import sharp_room
 
 pytestmark = pytest.mark.slow
 
-# Written out: imported, a change would go unseen.
 NUM_RETRIEVED = 12
 
 LENS = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)

@@ -9,8 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of
@@ -18,7 +16,6 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags import BagReader, BagWriter
 
-# Written out: imported, a change would go unseen.
 MIN_KEY_IMAGES = 6
 
 CAMERA = Pinhole(32, 24, 30.0, 30.0, 15.5, 11.5)
@@ -33,7 +30,6 @@ def reader(tmp_path):
 
 
 def follow(recorder, number, *, ncc=0.5, camera=CAMERA, step_m=1.0):
-    """Let a recorder see images, each a step farther."""
     candidate = SimpleNamespace(is_accepted=True, is_by_map=True, ncc=ncc, choice=SimpleNamespace(region_m=1.0))
     for k in range(number):
         status = Status(State.TRACKING, stamp_ns=(k + 1) * SECOND, references=(3,))

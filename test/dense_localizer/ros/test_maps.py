@@ -1,9 +1,5 @@
 """A map that is refused changes nothing, and is closed."""
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.srv import LoadMap
 from std_srvs.srv import Trigger
 

@@ -7,7 +7,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
-from dense_localizer.start.guesses import Guess
+from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
 from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
@@ -158,3 +158,15 @@ def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_
     assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
     middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
     assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))
+
+
+NODE = KeySphere(0, 1, SE3.identity())
+
+
+def test_the_best_come_first_and_of_one_place_only_the_first_is_kept():
+    guesses = [Guess(NODE, at(float(k)), score) for k, score in enumerate((0.2, 0.5, 0.5, 0.9))]
+    assert [guess.T_map_camera.translation[0] for guess in select_best(guesses, 3)] == [3.0, 1.0, 2.0]
+    guesses = [Guess(NODE, at(x)) for x in (0.0, 0.2, 1.0, 1.1, 5.0)]
+    assert [guess.T_map_camera.translation[0] for guess in select_distinct(guesses, 2)] == [0.0, 1.0]
+    for x, yaw, is_same in [(0.29, 0.17, True), (0.31, 0.0, False), (0.0, 0.18, False)]:
+        assert is_same_pose(at(0.0), at(x, 0.0, yaw)) == is_same

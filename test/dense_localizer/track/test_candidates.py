@@ -17,8 +17,6 @@ NODES = {number: SimpleNamespace(experience=name) for number, name in NAMES.item
 
 
 class Days:
-    """References that note what they were asked."""
-
     adopted = by_contrast = None
     knows_contrast = False
 

@@ -25,8 +25,6 @@ NOISE = 0.004  # of the depth
 
 
 class DepthRun:
-    """Feeds images and depth to a localizer."""
-
     def __init__(self, room, localizer):
         self.room, self.localizer, self.count, self.stamp_ns = room, localizer, 0, 1_000_000_000
 

@@ -23,7 +23,6 @@ PARAMS = build(LocalizerParams, SMALL_IMAGES | {"prior.max_blind_m": 0.1})
 
 @pytest.fixture(scope="module")
 def maps(room):
-    """References of the room, and of another one."""
     other = sharp_room((5.0, 3.0, 1.5), seed=3)
     found = [References(make_map(one, [SE3.identity()]), PARAMS) for one in (room, other)]
     Track(room, found[0]).see(at(0.0))  # what that loads is charged to no test

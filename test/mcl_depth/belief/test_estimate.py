@@ -8,7 +8,7 @@ from mcl_depth.belief.estimate import level_pose, pose_covariance
 from sphere_nav.geometry import SE3
 
 
-def test_the_local_covariance_is_that_of_the_particles_turned_into_the_axes_of_the_pose():
+def test_the_local_covariance_is_that_of_the_particles_turned_into_the_axes_of_the_pose_and_of_the_map():
     rng, pose = np.random.default_rng(1), np.array([3.0, -2.0, -0.6])
     A = np.array([[0.05, 0.0, 0.0], [0.03, 0.02, 0.0], [0.01, -0.01, 0.015]])
     poses = pose + rng.normal(size=(40_000, 3)) @ A.T
@@ -20,9 +20,6 @@ def test_the_local_covariance_is_that_of_the_particles_turned_into_the_axes_of_t
     found = pose_covariance(A @ A.T, pose[2]) - floor
     np.testing.assert_allclose(found / np.outer(scale, scale), np.cov(xi.T) / np.outer(scale, scale), atol=0.06)
     assert abs(found[0, 1]) > 0.2 * sigma[0] ** 2  # turned the other way it has the other sign
-
-
-def test_errors_of_the_map_are_added_whatever_the_particles_say():
     found = np.sqrt(np.diag(pose_covariance(np.zeros((3, 3)), 1.0)))
     np.testing.assert_allclose(found, [0.1, 0.1, 0.1, *np.radians([1.0, 1.0, 1.0])])
 

@@ -17,7 +17,6 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
-# Written out: imported, a change would go unseen.
 COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
 MAX_TRIAL = 12
@@ -72,13 +71,9 @@ def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
     p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
-    assert chances_of_place(np.array([18.0, 15.0]), sure) == (
-        p_elsewhere,
-        pytest.approx(np.exp(-3.0 / RIVAL_SCALE)),
-    )
-    later = EvidenceLevel(
-        mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M
-    )  # what many images add up to says less
+    assert chances_of_place(np.array([18.0, 15.0]), sure) == (p_elsewhere, pytest.approx(np.exp(-3.0 / RIVAL_SCALE)))
+    # what many images add up to says less
+    later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M)
     assert chances_of_place(np.array([18.0, 9.0]), later)[0] > 10.0 * p_elsewhere
     alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, way_m=ROOM_M)  # a room is its own mirror image
     assert chances_of_place(np.array([18.0, 9.0]), alike)[0] > 0.01

@@ -17,7 +17,6 @@ GRID = np.stack(np.meshgrid(np.arange(180), np.arange(90)), axis=-1)
 
 
 def ranges_at(x, y):
-    """The range (H, W) to the walls of the room."""
     rays, place = CAMERA.unproject(GRID), np.array([x, y, 0.0])
     with np.errstate(divide="ignore"):
         return np.min((np.sign(rays) * HALF - place) / rays, axis=-1).astype(np.float32)

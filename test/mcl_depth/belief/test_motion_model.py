@@ -61,14 +61,11 @@ def test_drift_is_that_of_steps_of_any_length():
 
 
 @pytest.mark.parametrize(("way", "is_known"), [(8.4, True), (-8.6, False)])
-def test_odometry_faster_than_the_vehicle_by_half_a_metre_leaps(way, is_known):
+def test_odometry_faster_than_the_vehicle_by_half_a_metre_or_that_is_no_number_leaps(way, is_known):
     model = MotionModel(PARAMS)  # 4 m/s for 2 s
     model.step(SECOND, SE3.identity())
     step = model.step(3 * SECOND, SE3.from_planar(0.0, way, 0.0))
     assert (step.is_known, step.jump) == (is_known, 0.0 if is_known else pytest.approx(8.6))
-
-
-def test_odometry_that_is_no_number_is_a_leap_without_end():
     model = MotionModel(PARAMS)
     model.step(SECOND, SE3.identity())
     assert model.step(2 * SECOND, SE3.from_planar(np.nan, 0.0, 0.0)).jump == 1e9
@@ -82,6 +79,5 @@ def test_without_odometry_the_vehicle_may_have_gone_anywhere_near():
         assert not step.is_known
         np.testing.assert_array_equal(step.motion, np.zeros(3))
         np.testing.assert_allclose(step.sigmas, sigmas)
-        assert not model.step(
-            SECOND + round(seconds * SECOND), SE3.identity()
-        ).is_known  # from where it was is not known
+        # from where it was is not known
+        assert not model.step(SECOND + round(seconds * SECOND), SE3.identity()).is_known

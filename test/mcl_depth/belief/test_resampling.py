@@ -11,7 +11,6 @@ from mcl_depth.belief.particles import Particles, adjust_headings
 from mcl_depth.belief.resampling import compute_weights, count_bins, required_particles, resample, scale_similarities
 from mcl_depth.constants import CHANCE
 
-# Written out: imported, a change would go unseen.
 NUM_YOUNG = 2
 
 

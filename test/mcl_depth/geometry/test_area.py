@@ -22,14 +22,11 @@ def area_of(points, params=PARAMS):
     return find_area(points, lambda xy: ground.heights(xy) + 1.2, params)
 
 
-def test_the_ground_follows_a_slope_and_ends_with_the_map():
+def test_the_ground_follows_a_slope_under_roofs_and_ends_with_the_map():
     heights = Ground(floor(0.0, 10.0, slope=0.2)).heights(np.array([[3.0, 2.0], [7.0, 2.0], [30.0, 2.0]]))
     assert heights[1] - heights[0] == pytest.approx(0.8, abs=0.01)  # the lowest point of each square, alike in all
     assert abs(heights[0] - 0.6) < 0.1  # a square of 0.5 m falls by 0.1 m
     assert np.isnan(heights[2])
-
-
-def test_a_roof_is_not_the_ground_and_small_holes_are_closed():
     points = floor(0.0, 6.0)
     points = points[np.hypot(points[:, 0] - 3.0, points[:, 1] - 2.0) > 0.8]
     heights = Ground(np.concatenate([points, points + UP * 5.0])).heights(np.array([[3.0, 2.0], [1.0, 1.0]]))

@@ -17,7 +17,6 @@ QUADS = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def boxes(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> TriangleMesh:
-    """Return a mesh of boxes given by low and high corners."""
     vertices = [[np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)] for low, high in np.asarray(corners, float)]
     faces = np.array([face for a, b, c, d in QUADS for face in ((a, b, c), (a, c, d))])
     indices = np.concatenate([faces + 8 * k for k in range(len(corners))])

@@ -34,14 +34,11 @@ def read(path: Path, points: np.ndarray, **survey: str):
     return read_geometry(path / "a.npy", SurveyParams(**survey))
 
 
-def test_a_tile_in_utm_is_shifted_by_whole_hundreds_and_says_so(tmp_path: Path) -> None:
+def test_a_tile_in_utm_is_shifted_by_whole_hundreds_or_by_what_is_given(tmp_path: Path) -> None:
     found = read(tmp_path, STREET + UTM)
     assert found.origin == (500_200.0, 5_412_300.0, 0.0)
     assert "its origin is E,N,H = 500200,5412300,0 m" in found.warnings[0]
     np.testing.assert_allclose(found.points + np.array(found.origin), STREET + UTM, atol=1e-4)
-
-
-def test_the_origin_can_be_given(tmp_path: Path) -> None:
     found = read(tmp_path, STREET + UTM, origin="500213.4,5412345.6,212")
     np.testing.assert_allclose(found.points, STREET, atol=1e-4)
     with pytest.raises(ValueError, match=r"survey\.origin: expected E,N,H in m, found '1,2'"):

@@ -44,7 +44,6 @@ def similarity(visual, range_m, num_alpha):
 
 @pytest.fixture
 def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A grey panorama and a range panorama, unrelated."""
     return (255 * rng.random((H, W))).astype(np.float32), (1 + 9 * rng.random((H, W))).astype(np.float32)
 
 
@@ -134,10 +133,7 @@ def around(mask: np.ndarray, combine) -> np.ndarray:
 
 
 def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
-    """A gap of up to two pixels between two ranges is an edge; the rim of what is unknown is none, at the seam neither.
-
-    What is left is as it is without the rule, but for the sum.
-    """
+    """A gap of up to two pixels between ranges is an edge; the rim of what is unknown is none, nor at the seam."""
     range_m = rng.uniform(5.0, 9.0, (H, W)).astype(np.float32)
     range_m[:, :4] = range_m[:, -5:] = np.nan  # across the seam
     range_m[:5, 20:] = np.nan  # above

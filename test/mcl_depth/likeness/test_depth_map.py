@@ -1,11 +1,10 @@
 """Depth images by position: which are made, how often, and what the comparison answers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.features import visual_features
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -93,3 +92,13 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
         np.testing.assert_array_equal(cached.curves(part), depth_map.similarities(visual, cells, HEADINGS))
     assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
+
+
+def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):
+    for value in (1, 2):
+        save_arrays(tmp_path / "kept" / "a", {"numbers": np.full(3, value), "width": np.array(7)})
+    numbers, width = load_arrays(tmp_path / "kept" / "a", ("numbers", "width"))
+    np.testing.assert_array_equal(numbers, 2)
+    assert int(width) == 7
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a"]
+    assert load_arrays(tmp_path / "kept" / "b", ("numbers",)) is None

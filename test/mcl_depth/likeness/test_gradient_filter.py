@@ -10,7 +10,6 @@ from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
-# Written out: imported, a change would go unseen.
 MIN_VIEW_SHARE = 0.1
 
 NUM_CELLS = 300
@@ -27,7 +26,6 @@ def stack(ranges):
 
 
 def correlation(visual, stack):
-    """The correlation (N, NUM_HEADINGS) of gradients by its definition."""
     shifts = np.arange(NUM_HEADINGS) * WIDTH // NUM_HEADINGS
     x, y, m = visual.x.astype(np.float64), visual.y, visual.magnitude
     seen, image = visual.is_seen, m * (x + 1j * y) ** 2
@@ -62,7 +60,6 @@ def test_a_part_is_found_as_by_the_correlation_where_a_strong_edge_weighs_by_its
 
 
 def decoded(stack):
-    """Direction x, y and magnitude of each panorama."""
     angles = stack.directions * np.pi / 255
     known = stack.directions < 255
     magnitudes = stack.scales[:, None, None] * (stack.magnitudes / 255.0) ** 2

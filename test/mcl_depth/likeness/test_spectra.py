@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.spectra import (
-    correlate,
-    encode_spectra,
-    sample_slots,
-    scales_of,
-    spectra_of,
-)
+from mcl_depth.likeness.spectra import correlate, encode_spectra, sample_slots, scales_of, spectra_of
 
 CELLS, HEIGHT, WIDTH = 9, 6, 48
 ALL = range(WIDTH // 2)

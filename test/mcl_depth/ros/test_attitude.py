@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import Imu
 
 from mcl_depth.belief.estimate import Estimate

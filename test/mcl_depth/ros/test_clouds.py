@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.geometry.cloud import Cloud

@@ -9,8 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from mcl_depth import homing
 from mcl_depth.params import MclDepthParams
 from mcl_depth.ros.views import HomingGuide

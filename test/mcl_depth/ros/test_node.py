@@ -1,17 +1,15 @@
 """The node on a bus: what is answered without a cloud, without calibration, and with a cloud that cannot be read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from mcl_depth.ros import clouds
 from mcl_depth.ros.node import MclDepthNode
+from mcl_depth.ros.views import Views
 from sphere_nav.geometry import Spherical
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.replay import OfflineBus
+from worlds.mcl import Bench, Eye, drive, room_points
 
 SECOND = 10**9
 
@@ -74,3 +72,17 @@ def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, m
     assert 0.0 < shares[0] < shares[-1] < 1.0
     assert "share of the map" in waiting[0].remedy
     assert "share of the map" not in found[-1].remedy
+
+
+TOPICS = {"/particle_cloud", "/heading", "/hypotheses", "/similarity", "/synthesized_depth"}
+
+
+@pytest.mark.slow
+def test_every_image_is_shown(tmp_path):
+    np.save(tmp_path / "room.npy", room_points(0.08))
+    bench = Bench(Eye(), tmp_path / "room.npy", bus=OfflineBus(None))
+    assert isinstance(bench.node.views, Views)
+    answer = bench.see(drive()[0])
+    assert set(answer) & TOPICS == TOPICS
+    assert sum(particle.weight for particle in answer["/particle_cloud"].particles) == pytest.approx(1.0)
+    assert all(np.isfinite(answer["/similarity"].ranges))

@@ -8,20 +8,16 @@ import pytest
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
-from path_follower.command import FollowerReport
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
-from path_follower.reasons import REMEDIES, StopReason, describe
+from path_follower.reasons import StopReason, describe
 from path_follower.ros import front
 from path_follower.ros.control import ControlLoop, Cycle
 from path_follower.ros.front import LOOP, LoopEnded, RemoteLoop, connected
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.localization.status import Verdict
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.clocks import SimulatedTicks
-from sphere_nav.ros.conversions.driving import follower_status_to_message
 
-# Written out: imported, a change would go unseen.
 CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK = 10_000_000_000, 50_000_000, 0.12, 0.025
 MAX_CLOCK_PAUSE = 10.0  # s
 
@@ -213,10 +209,3 @@ def test_a_front_ends_with_its_loop(monkeypatch):
     os.close(watched)
     assert told.wait(60.0)
     theirs.close()
-
-
-def test_the_message_says_why_and_what_to_do():
-    verdict = Verdict(StopReason.OBSTACLE, 2.0, 1.0)
-    message = follower_status_to_message(FollowerReport(FollowerState.STOPPED, verdict, 0.0, 0.0, False, 0), 1, "map")
-    expected = ("OBSTACLE", 2.0, 1.0, REMEDIES[StopReason.OBSTACLE])
-    assert (message.reason, message.value, message.limit, message.remedy) == expected

@@ -260,7 +260,6 @@ def test_a_status_of_other_images_does_not_hide_what_the_localiser_says(lost):
 
 # --- scans
 def scan(bus, ranges, **fields):
-    """A scanner at the front of the car, 41 beams over 2 rad; what it says."""
     usual = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 0.05, "range_min": 0.1, "range_max": 20.0}
     usual["header"] = header(bus.now_ns, "laser")
     message = LaserScan(ranges=[float(r) for r in ranges], **(usual | fields))

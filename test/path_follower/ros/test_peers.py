@@ -7,7 +7,6 @@ from std_msgs.msg import Bool
 from path_follower.reasons import FINE, StopReason, describe
 from path_follower.ros.peers import Peers
 
-# Written out: imported, a change would go unseen.
 GUARD_SILENCE_NS, HEARD_BEFORE_NS = 500_000_000, 300_000_000
 
 MS = 1_000_000

@@ -13,7 +13,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import poses_to_path
 
-# Written out: imported, a change would go unseen.
 MAX_PATH_BYTES = 8_000_000
 
 SECOND = 1_000_000_000

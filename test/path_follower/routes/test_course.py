@@ -16,7 +16,6 @@ from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.planning import Leg, plan
 
-# Written out: imported, a change would go unseen.
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
 LEAD, MAX_GROWTH = 1.0, 1.05
 

@@ -13,7 +13,6 @@ from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
 from sphere_nav.localization.status import Verdict
 
-# Written out: imported, a change would go unseen.
 CALL_PATIENCE, RETRY, STEADY, TICK = 5.0, 3.0, 1.0, 0.2
 
 PARAMS = MissionParams(patience=5.0)

@@ -48,12 +48,15 @@ def test_a_place_without_a_proper_name_is_refused(fork):
             fork.with_place(name, Spot(next(iter(fork.edges)), 5.0))
 
 
-def test_a_part_of_a_curve_begins_and_ends_where_it_is_asked_to(fork):
+def test_a_part_of_a_curve_begins_and_ends_where_it_is_asked_to_and_bends_to_the_left(fork):
     curve = next(iter(fork.edges.values())).curve
     part = curve.part(1.234, 5.678)
     assert part.length == pytest.approx(4.444, abs=1e-6)
     assert (part.x[0], part.x[-1]) == (pytest.approx(1.234), pytest.approx(5.678))
     assert np.all(np.diff(part.x) > 0)
+    angle = np.linspace(0.0, 1.0, 50)
+    curve = EdgeCurve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
+    np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)
 
 
 def test_a_slow_teacher_counts_as_walking_and_an_unknown_speed_as_the_cruise():
@@ -181,9 +184,3 @@ def test_a_change_of_direction_leads_through_a_node():
         around = straight(13, 1, 3, length)  # 5 s more; the turn counts 5 + 3 * 7 + 4 s, and 5 s for each change
         both = Network(network.nodes, {**network.edges, 13: around})
         assert [leg.name for leg in plan(both, [Spot(10, 0.0)], both.spots_of(3), cruise=1.0).legs] == names
-
-
-def test_a_curve_bends_to_the_left():
-    angle = np.linspace(0.0, 1.0, 50)
-    curve = EdgeCurve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
-    np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)

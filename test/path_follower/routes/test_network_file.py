@@ -96,22 +96,12 @@ def edge_of(whole):
 
 
 BROKEN = {
-    "network.version: expected a value": lambda w: w["network"].pop("version"),
     "expected format 'sphere_nav routes' version 1": lambda w: w["network"].update(version=2),
-    "network: expected a value": lambda w: w.pop("network"),
-    "features: expected a list": lambda w: w.update(features={}),
-    "expected nodes and edges, found": lambda w: w.update(features=[]),
     "expected a number that is not taken": lambda w: w["features"].append(w["features"][0]),
-    "expected a whole number from 0": lambda w: w["features"][0]["properties"].update(id=-1),
-    "names: expected names": lambda w: w["features"][0]["properties"].update(names=[5]),
-    "yaw: expected a finite number": lambda w: w["features"][0]["properties"].pop("yaw"),
     "expected columns of one length": lambda w: edge_of(w)["curve"]["x"].pop(),
     "expected points at most 1.0 m apart": lambda w: edge_of(w)["curve"]["x"].__setitem__(5, 99.0),
-    "curve.yaw[5]: expected a finite number": lambda w: edge_of(w)["curve"]["yaw"].__setitem__(5, "nan"),
     "expected nodes that exist, found 999": lambda w: edge_of(w).update(endid=999),
     "expected its curve to end at node": lambda w: edge_of(w).update(endid=edge_of(w)["startid"]),
-    "metadata.width: expected a value": lambda w: edge_of(w)["metadata"].pop("width"),
-    "expected a short text": lambda w: w["network"].update(map_id="x\ny"),
 }
 
 
@@ -172,11 +162,7 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
 BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
     "expected format 'sphere_nav mission' version 2": {"version": 7},
-    "legs[0]: expected the fields": {"legs": [[1, 1, 0.0, 3.0]]},
-    "goal.place: expected str": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0.0}},
     "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
-    "goal.pose: expected 3 values": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0.0}},
-    "closed: expected list": {"closed": "x"},
     "driven: expected a finite number": {"driven": "nan"},
 }
 

@@ -120,11 +120,6 @@ def markers(*numbers):
     return charuco.Markers(corners, np.array(numbers, np.int32))
 
 
-def test_an_old_opencv_is_asked_for_no_pattern_that_it_does_not_know():
-    with pytest.raises(ValueError, match=r"expected OpenCV 4\.7 or later, or legacy, for 6 rows of squares"):
-        charuco._old_pattern(replace(BOARDS[0], rows=5))
-
-
 def test_a_dictionary_must_be_there_and_hold_the_markers():
     charuco.check(replace(BOARDS[0], first_marker=250 - 17))
     with pytest.raises(ValueError, match="dictionary: expected 251 markers for 6x4 corners, found 250"):

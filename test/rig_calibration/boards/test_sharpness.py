@@ -11,7 +11,6 @@ BOARD = Board("board", 6, 5, 0.1)
 
 
 def drawn(side, blur):
-    """Image of a board seen straight from the front, and its corners (N, 2)."""
     row, column = np.indices((BOARD.rows + 1, BOARD.columns + 1))
     image = np.where((row + column) % 2, 200.0, 40.0).repeat(side, 0).repeat(side, 1)
     if np.any(blur):

@@ -192,9 +192,8 @@ def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng, monkeypatch):
     drawn = (
         SE3(T_key_a.matrix[None]) @ SE3(T_a_sphere.matrix[None]) @ errors @ SE3(T_key_sphere.inverse().matrix[None])
     ).log()
-    away = np.sqrt(
-        13.0
-    )  # m from the key sphere: a hundredth of it, and the least deviations of an edge, 2 mm, 0.5 mrad
+    # m from the key sphere: a hundredth of it, and the least deviations of an edge, 2 mm, 0.5 mrad
+    away = np.sqrt(13.0)
     expected = np.cov(drawn.T) + np.diag(np.repeat([0.002 + 0.01 * away, 0.0005], 3) ** 2)
     sigma = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.05)

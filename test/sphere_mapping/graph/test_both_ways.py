@@ -20,7 +20,6 @@ from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
 from worlds.room import sharp_room
 
-# Written out: imported, a change would go unseen.
 MAX_GAP = (0.05, 0.02)
 
 PARAMS = REGISTRATION

@@ -13,8 +13,6 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import SphereGraph
 from worlds.room import sharp_room
 
-# Written out: imported, a change would go unseen.
-
 PARAMS = MapperParams()
 CAMERA = Spherical(256, 128)
 ROOM = sharp_room()

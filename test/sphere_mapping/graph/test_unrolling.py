@@ -9,7 +9,6 @@ from sphere_mapping.graph.tracking import align_unrolled
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 
-# Written out: imported, a change would go unseen.
 MAX_PASSES = 3
 
 TRUTH = np.array([0.3, 0.0, 0.1, 0.0, 0.2, 0.5])  # per second

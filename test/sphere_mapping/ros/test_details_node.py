@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.params import MapperParams
-from sphere_mapping.ros.saving import details_of
+from sphere_mapping.ros.saving import details_of, path_below
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.maps.reader import open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -30,3 +28,10 @@ def test_a_map_tells_where_its_spheres_were_on_the_vehicle(T_base_sphere, tmp_pa
         found = reader.T_base_sphere
     assert (found is None) == (T_base_sphere is None)
     assert found is None or found.distance(T_base_sphere) < (1e-5, 1e-5)
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "out").symlink_to(tmp_path)
+    with pytest.raises(ValueError, match="expected a folder below"):
+        path_below(tmp_path / "maps", "out/x", "a folder")

@@ -3,10 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import Imu
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd

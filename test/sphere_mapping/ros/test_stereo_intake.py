@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
-
 from sphere_mapping.acquisition.stereo.stereo_field import RowFit, StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.params import MapperParams

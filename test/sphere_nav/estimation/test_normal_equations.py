@@ -13,8 +13,7 @@ from sphere_nav.estimation.normal_equations import (
     weighted_step,
 )
 
-# Written out: imported, a change would go unseen.
-RIDGE = 1e-9
+RIDGE = 1e-9  # written out: imported, a change would go unseen
 
 UNITS = np.array([1e6, 1.0, 1e-6])
 
@@ -79,24 +78,15 @@ def test_what_was_known_adds_its_own(rng):
     assert clustered_covariance(inverse, gradients, np.zeros((2, 2)))[1, 1] == pytest.approx(9.0 * 16.0)
 
 
-@pytest.fixture
-def system(rng):
+def test_newton_step_finds_the_minimum_of_the_quadratic_and_refuses_what_is_not_positive_definite(rng):
     A = rng.normal(size=(8, 20)) * 10.0 ** rng.integers(-3, 4, (8, 1))
-    return A @ A.T, rng.normal(size=8)
-
-
-def test_newton_step_finds_the_minimum_of_the_quadratic(system):
-    H, g = system
+    H, g = A @ A.T, rng.normal(size=8)
     x, is_found = kernels.newton_step(H, g, 0)
     assert is_found
     assert np.abs(H @ x + g).max() < 1e-9 * np.abs(g).max()
     rest, _ = kernels.newton_step(H, g, 3)  # a pure rotation leaves the translation out
     assert np.abs(H[3:, 3:] @ rest + g[3:]).max() < 1e-9 * np.abs(g).max()
-
-
-def test_newton_step_refuses_what_is_not_positive_definite(system):
     for spoil in [0.0, -1.0, np.nan, np.inf]:
-        H, g = system
         H[3, :] = H[:, 3] = 0.0
         H[3, 3] = spoil
         assert not kernels.newton_step(H, g, 0)[1]

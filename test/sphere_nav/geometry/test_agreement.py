@@ -14,12 +14,9 @@ CERTAIN = np.diag([0.1, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2
 
 def test_two_localizers_a_metre_apart_contradict_each_other() -> None:
     here = SE3.from_planar(0.0, 0.0, 0.0)
-    near = difference(here, CERTAIN, SE3.from_planar(0.3, 0.0, 0.0), CERTAIN)
-    far = difference(here, CERTAIN, SE3.from_planar(0.8, 0.0, 0.0), CERTAIN)
-    turned = difference(here, CERTAIN, SE3.from_planar(0.0, 0.0, 0.5), CERTAIN)
-    assert not near.is_contradiction
-    assert far.is_contradiction
-    assert turned.is_contradiction
+    places = [(0.3, 0.0, 0.0), (0.8, 0.0, 0.0), (0.0, 0.0, 0.5)]
+    near, far, turned = (difference(here, CERTAIN, SE3.from_planar(*one), CERTAIN) for one in places)
+    assert [one.is_contradiction for one in (near, far, turned)] == [False, True, True]
     assert far.meters == pytest.approx(0.8)
     assert f"limit {LIMIT:.1f}" in str(far)
     assert not difference(here, CERTAIN, SE3.from_planar(0.8, 0, 0), 0.1 * np.eye(6)).is_contradiction

@@ -9,15 +9,12 @@ from sphere_nav.geometry import so3
 EXACT = 1e-12  # a few roundings of numbers around one
 
 
-def test_exp_is_a_rotation_and_agrees_with_scipy(rotation_vector):
+def test_exp_is_a_rotation_that_agrees_with_scipy_and_log_undoes_it(rotation_vector):
     R = so3.exp(rotation_vector)
     np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), rtol=0.0, atol=EXACT)
     np.testing.assert_allclose(np.linalg.det(R), 1.0, rtol=0.0, atol=EXACT)
     expected = Rotation.from_rotvec(rotation_vector.reshape(-1, 3)).as_matrix().reshape(R.shape)
     np.testing.assert_allclose(R, expected, rtol=0.0, atol=EXACT)
-
-
-def test_log_undoes_exp(rotation_vector):
     # The quaternion's w of an angle pi - d is d / 2, known to 1e-16: the vector is known to about 1e-15.
     np.testing.assert_allclose(so3.log(so3.exp(rotation_vector)), rotation_vector, rtol=0.0, atol=1e-11)
 

@@ -19,21 +19,14 @@ def trajectory():
     return Trajectory(stamps, SE3.exp(rng.normal(size=(30, 6))), factor @ np.swapaxes(factor, -1, -2))
 
 
-def test_a_tum_file_keeps_nanoseconds_poses_and_covariances(tmp_path, trajectory):
+def test_a_tum_file_keeps_nanoseconds_poses_and_covariances_but_none_of_others(tmp_path, trajectory):
     write_tum(tmp_path / "poses.tum", trajectory)
     found = read_tum(tmp_path / "poses.tum")
     np.testing.assert_array_equal(found.stamps_ns, trajectory.stamps_ns)
     np.testing.assert_allclose(found.T_map_body.matrix, trajectory.T_map_body.matrix, atol=1e-7)  # nine digits
     np.testing.assert_allclose(found.covariances, trajectory.covariances, rtol=1e-8)
-
-
-def test_covariances_of_an_earlier_run_do_not_stay_beside(tmp_path, trajectory):
-    write_tum(tmp_path / "poses.tum", trajectory)
     write_tum(tmp_path / "poses.tum", Trajectory(trajectory.stamps_ns, trajectory.T_map_body))
     assert read_tum(tmp_path / "poses.tum").covariances is None
-
-
-def test_covariances_of_other_stamps_are_refused(tmp_path, trajectory):
     write_tum(tmp_path / "poses.tum", trajectory)
     write_tum(tmp_path / "other.tum", trajectory[:5])
     (tmp_path / "other.cov").replace(tmp_path / "poses.cov")
@@ -66,7 +59,7 @@ def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
+def test_association_pairs_mutually_nearest_stamps_within_the_tolerance_also_of_almost_nothing():
     a = np.array([0, 100, 200, 300, 1000])
     b = np.array([5, 96, 104, 260, 5000])
     first, second = associate(a, b, 10)
@@ -76,15 +69,12 @@ def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
     assert (first.tolist(), second.tolist()) == ([0, 1, 3], [0, 1, 3])
     first, second = associate(np.array([0, 6]), np.array([5]), 10)
     assert (first.tolist(), second.tolist()) == ([1], [0])  # nobody has two partners
-
-
-def test_association_with_almost_nothing():
     for other in [[], [7]]:
         first, second = associate(np.array([0, 10, 20]), np.array(other, dtype=np.int64), 5)
         assert len(first) == len(second) == len(other)
 
 
-def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
+def test_interpolation_is_exact_on_a_constant_motion_and_does_not_cross_long_gaps():
     def moved(seconds):
         turned = SE3.exp(np.outer(seconds, [0.0, 0.0, 0.0, 0.2, -0.1, 0.3])).rotation
         return SE3.from_parts(turned, np.array([1.0, 2.0, 3.0]) + np.outer(seconds, [4.0, -5.0, 6.0]))
@@ -94,9 +84,6 @@ def test_interpolation_is_exact_on_a_constant_motion_without_translation_couplin
     found, known = Trajectory(stamps, poses).at(wanted)
     assert known.tolist() == [False, True, True, True, True, True, False]
     np.testing.assert_allclose(found.T_map_body.matrix, moved([0, 0.25, 1, 2, 3]).matrix, atol=1e-12)
-
-
-def test_interpolation_does_not_cross_long_gaps():
     trajectory = Trajectory(np.array([0, 1, 10]) * SECOND, SE3(np.repeat(np.eye(4)[None], 3, axis=0)))
     _, known = trajectory.at(np.array([0.5, 1, 5, 10]) * SECOND, max_gap_ns=2 * SECOND)
     assert known.tolist() == [True, True, False, True]
@@ -111,35 +98,20 @@ def test_a_length_of_another_unit_is_told_with_the_factor():
     check_lengths("depth", np.array([np.nan, 0.0, np.inf]), "nothing")  # nothing is measured
 
 
-TWIST = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-STEP_NS = 20_000_000
+def test_a_steady_motion_is_interpolated_and_carried_on_and_back_but_not_for_long():
+    twist, step_ns, buffer = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.5]), 20_000_000, OdometryBuffer(max_age_s=0.1)
 
+    def pose(stamp_ns):
+        return SE3.exp(twist * stamp_ns * 1e-9)
 
-def pose(stamp_ns: int) -> SE3:
-    return SE3.exp(TWIST * stamp_ns * 1e-9)
-
-
-@pytest.fixture
-def buffer():
-    buffer = OdometryBuffer(max_age_s=0.1)
-    for k in range(1, 6):
-        buffer.add(k * STEP_NS, pose(k * STEP_NS), TWIST)
-    return buffer
-
-
-def test_a_steady_motion_is_interpolated_and_carried_on_and_back(buffer):
-    for stamp_ns in [-75_000_000, 0, STEP_NS, 45_000_000, 99_000_000, 100_000_000, 150_000_000]:
-        assert len(buffer) == 5
+    for stamp_ns in range(step_ns, 6 * step_ns, step_ns):
+        buffer.add(stamp_ns, pose(stamp_ns), twist)
+    assert len(buffer) == 5
+    for stamp_ns in [-75_000_000, 0, step_ns, 45_000_000, 99_000_000, 100_000_000, 150_000_000]:
         np.testing.assert_allclose(buffer.at(stamp_ns).matrix, pose(stamp_ns).matrix, atol=1e-12)
-
-
-def test_long_before_the_first_and_long_after_the_last_nothing_is_known(buffer):
     for stamp_ns in [-81_000_000, 201_000_000]:
         assert buffer.at(stamp_ns) is None
-
-
-def test_a_stamp_that_does_not_grow_is_refused(buffer):
     with pytest.raises(ValueError, match=r"later than 0\.100 s, found 0\.100 s"):
-        buffer.add(5 * STEP_NS, pose(0), TWIST)
+        buffer.add(5 * step_ns, pose(0), twist)
     buffer.clear()
-    assert buffer.at(5 * STEP_NS) is None
+    assert buffer.at(5 * step_ns) is None

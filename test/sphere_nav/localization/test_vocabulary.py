@@ -9,7 +9,6 @@ from sphere_nav.localization.status import (
     FOLLOWING,
     INPUT_REMEDIES,
     TRUSTED,
-    BaseEstimate,
     Reason,
     State,
     Status,
@@ -21,11 +20,8 @@ from sphere_nav.localization.status import (
 CODES = {name.removeprefix("CODE_") for name in dir(LocalizationStatus) if name.startswith("CODE_")}
 
 
-def test_the_words_are_those_of_the_message():
+def test_words_and_fields_are_those_of_the_message():
     assert {*map(str, State), *map(str, Reason)} - {""} == CODES
-
-
-def test_the_fields_are_those_of_the_message():
     fields = set(LocalizationStatus.get_fields_and_field_types()) - {"header", "state_code", "reason_code"}
     assert set(vars(Status(State.LOST))) == fields | {"stamp_ns"}
 
@@ -37,9 +33,8 @@ def test_nobody_drives_by_a_pose_that_is_not_followed():
 
 def test_a_status_leads_its_remedy_with_the_detail():
     for package in [dense_localizer.reasons, mcl_depth.status]:
-        plain = status_of(
-            State.DEGRADED, 7, Verdict(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0
-        )
+        verdict = Verdict(Reason.OUTLIERS, 0.2, 0.4)
+        plain = status_of(State.DEGRADED, 7, verdict, package.REMEDIES, quality=0.8, age=-1.0)
         assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
         assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
         assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
@@ -47,10 +42,8 @@ def test_a_status_leads_its_remedy_with_the_detail():
         assert detailed.remedy == f"field; {plain.remedy}"
         assert describe_status(detailed) == f"LOST: OUTLIERS (0, limit 0): {detailed.remedy}"
         assert [describe_status(Status(State.LOST, remedy=text)) for text in ("", "wait")] == ["LOST", "LOST: wait"]
-        advised = status_of(
-            State.LOST, 7, Verdict(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
-        )
-        assert advised.remedy == "yuv; send mono8"
+        advice = Verdict(Reason.BAD_INFO, detail="yuv", advice="send mono8")
+        assert status_of(State.LOST, 7, advice, package.REMEDIES).remedy == "yuv; send mono8"
 
 
 def test_what_to_do_about_the_input_is_the_same_in_both():
@@ -65,8 +58,3 @@ def test_a_number_that_nobody_measured_reads_as_unknown():
         assert (status.p_chance, status.quality, status.age, status.overlap, status.references) == (1.0, 0, 0, 0, ())
     told = status_of(State.TRACKING, 9, FINE, quality=0.75, p_chance=0.25, age=1.5)
     assert (told.quality, told.p_chance, told.age, told.stamp_ns) == (0.75, 0.25, 1.5, 9)
-
-
-def test_without_trust_there_is_no_pose():
-    estimate = BaseEstimate(Status(State.SEARCHING))
-    assert (estimate.T_map_base, estimate.covariance, estimate.velocity, estimate.velocity_covariance) == (None,) * 4

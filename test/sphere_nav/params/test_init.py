@@ -21,32 +21,26 @@ class Outer:
     inner: Inner = group(Inner)
 
 
-def test_leaves_come_in_order_with_dotted_names() -> None:
+def test_leaves_come_in_order_with_dotted_names_and_their_meaning_tells_unit_and_range() -> None:
     assert [leaf.name for leaf in leaves(Outer)] == ["count", "is_on_track", "inner.gain", "inner.mode"]
     assert [leaf.type for leaf in leaves(Outer)] == [int, bool, float, str]
+    meanings = [leaf.meaning() for leaf in leaves(Outer)]
+    inner = ["how much [1/m; 0.0 to 2.0]", "how fast [one of 'slow', 'fast']"]
+    assert meanings == ["how many [at least 1]", "whether it is", *inner]
 
 
-def test_build_is_the_inverse_of_to_mapping() -> None:
+def test_build_is_the_inverse_of_to_mapping_with_defaults_floats_and_bounds() -> None:
     values = {"count": 7, "is_on_track": False, "inner.gain": 1.5, "inner.mode": "fast"}
     assert to_mapping(build(Outer, values)) == values
-
-
-def test_what_is_not_given_keeps_its_default() -> None:
     assert build(Outer, {"inner.gain": 1.0}) == Outer(inner=Inner(gain=1.0))
-
-
-def test_an_integer_becomes_a_float_where_a_float_is_declared() -> None:
     gain = build(Outer, {"inner.gain": 1}).inner.gain
     assert isinstance(gain, float)
     assert gain == 1.0
+    built = [build(Outer, {"inner.gain": value, "count": 1}) for value in (0.0, 2.0)]
+    assert [(item.inner.gain, item.count) for item in built] == [(0.0, 1), (2.0, 1)]
 
 
-def test_a_parameters_object_cannot_be_changed() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        Outer().count = 4  # type: ignore[misc]
-
-
-def test_a_wrong_value_is_refused_by_name() -> None:
+def test_a_wrong_value_is_refused_by_name_by_the_constructor_too_and_none_can_be_changed() -> None:
     for name, value, text in [
         ("count", 0, "count: expected at least 1, found 0"),
         ("count", True, "count: expected int, found True"),
@@ -56,23 +50,7 @@ def test_a_wrong_value_is_refused_by_name() -> None:
     ]:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             build(Outer, {name: value})
-
-
-def test_the_bounds_themselves_are_allowed() -> None:
-    built = [build(Outer, {"inner.gain": value, "count": 1}) for value in (0.0, 2.0)]
-    assert [(item.inner.gain, item.count) for item in built] == [(0.0, 1), (2.0, 1)]
-
-
-def test_a_constructor_call_is_checked_too() -> None:
     with pytest.raises(ValueError, match=r"gain: expected 0\.0 to 2\.0, found -1\.0"):
         Inner(gain=-1.0)
-
-
-def test_the_meaning_tells_unit_and_range() -> None:
-    meanings = [leaf.meaning() for leaf in leaves(Outer)]
-    assert meanings == [
-        "how many [at least 1]",
-        "whether it is",
-        "how much [1/m; 0.0 to 2.0]",
-        "how fast [one of 'slow', 'fast']",
-    ]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Outer().count = 4  # type: ignore[misc]

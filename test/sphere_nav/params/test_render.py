@@ -47,22 +47,18 @@ def test_the_yaml_file_holds_every_default_with_its_type() -> None:
     assert build(Whole, values) == Whole()
 
 
-def run(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["sphere_nav.params", *arguments])
-    return main()
-
-
 def test_the_command_prints_the_file(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["sphere_nav.localization.params:NodeParams", "--node", "some_node"], monkeypatch) == 0
+    words = ["sphere_nav.localization.params:NodeParams", "--node", "some_node"]
+    monkeypatch.setattr(sys, "argv", ["sphere_nav.params", *words])
+    assert main() == 0
     assert capsys.readouterr().out == to_yaml(NodeParams, node="some_node")
 
 
 @pytest.mark.dds
-@pytest.mark.parametrize("name", ["sphere_nav.photometric.params:Nothing"])
-def test_an_unknown_class_is_one_line_and_exit_code_2(name: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "sphere_nav.params", name], capture_output=True, text=True, check=False
-    )
+def test_an_unknown_class_is_one_line_and_exit_code_2() -> None:
+    name = "sphere_nav.photometric.params:Nothing"
+    command = [sys.executable, "-m", "sphere_nav.params", name]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert name in done.stderr.splitlines()[-1]

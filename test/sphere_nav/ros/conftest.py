@@ -51,9 +51,8 @@ def sphere_graph(rng: np.random.Generator) -> SphereGraph:
         range_m = rng.uniform(1.0, 30.0, (10, 24)).astype(np.float32)
         range_m[0], range_m[1] = np.nan, np.inf
         pose = SE3.exp([number, 0.1, 0.0, 0.0, 0.1, 0.3 * number])
-        nodes.append(
-            KeySphere(10 + number, START + number * STEP, pose, Sphere(image, range_m, camera, START + number * STEP))
-        )
+        sphere = Sphere(image, range_m, camera, START + number * STEP)
+        nodes.append(KeySphere(10 + number, sphere.stamp_ns, pose, sphere))
     for number in range(2):
         root = rng.normal(size=(6, 6))
         T_a_b = nodes[number].T_map_sphere.inverse() @ nodes[number + 1].T_map_sphere

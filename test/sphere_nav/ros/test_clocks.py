@@ -2,12 +2,7 @@
 
 import pytest
 
-from sphere_nav.ros.clocks import (
-    ClockWatch,
-    SimulatedTicks,
-    Times,
-    ahead_s,
-)
+from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks, Times, ahead_s
 
 # Written out: imported, a change would go unseen.
 CLOCK_PATIENCE_S, MAX_AHEAD_NS, MAX_CAUGHT_UP_NS = 0.4, 100_000_000, 10_000_000_000
@@ -15,7 +10,6 @@ CLOCK_PATIENCE_S, MAX_AHEAD_NS, MAX_CAUGHT_UP_NS = 0.4, 100_000_000, 10_000_000_
 SECOND = 1_000_000_000
 GIVE_UP = 5.0
 NOW = 10**12
-SECOND = 1_000_000_000
 
 
 def stand(watch, clock, begin, seconds):
@@ -24,7 +18,7 @@ def stand(watch, clock, begin, seconds):
     return begin + int(seconds * SECOND)
 
 
-def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
+def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps_and_a_process_that_was_not_served_saw_none():
     for leap in (SECOND // 10, SECOND):
         watch = ClockWatch(GIVE_UP)
         now = stand(watch, 5 * SECOND, SECOND, 2.0)
@@ -32,32 +26,20 @@ def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
         watch.observe(5 * SECOND + leap, now + 1)
         assert not watch.is_standing
         assert not watch.is_over
-
-
-def test_a_process_that_was_not_served_did_not_see_the_clock_stand():
     watch = ClockWatch(GIVE_UP)
     for k in range(1, 4):  # three looks, 2 s apart, /clock in the queue each time
         watch.observe(5 * SECOND, 2 * k * SECOND)
     assert not watch.is_standing
 
 
-def test_only_what_is_far_ahead_of_the_clock_counts():
+def test_only_what_is_far_ahead_of_the_clock_counts_and_is_refused_and_nothing_is_younger_than_the_present():
     for lead, expected in [(-(10**12) + 1, 0.0), (0, 0.0), (MAX_AHEAD_NS, 0.0), (3600 * 10**9, 3600.0)]:
         assert ahead_s(NOW + lead, NOW) == expected
-
-
-def times(clock, own):
-    return Times(lambda: clock, lambda: own)
-
-
-def test_no_message_counts_as_younger_than_the_present():
-    assert times(100 * SECOND, 7 * SECOND).of(99 * SECOND) == 6 * SECOND
-    assert times(100 * SECOND, 7 * SECOND).of(100 * SECOND + SECOND // 20) == 7 * SECOND
-
-
-def test_a_stamp_ahead_of_the_clock_is_refused():
+    times = Times(lambda: 100 * SECOND, lambda: 7 * SECOND)
+    assert times.of(99 * SECOND) == 6 * SECOND
+    assert times.of(100 * SECOND + SECOND // 20) == 7 * SECOND
     with pytest.raises(ValueError, match=r"expected at most 0\.1 s ahead of the clock, found 3600\.000 s"):
-        times(100 * SECOND, 7 * SECOND).of(3700 * SECOND)
+        times.of(3700 * SECOND)
 
 
 def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():
@@ -131,14 +113,11 @@ def test_simulated_time_decides_when_a_node_acts_however_seldom_it_is_served():
     assert first == [1.12, 1.145, 1.17, 1.195]
 
 
-def test_the_present_belongs_to_a_message_that_may_still_come():
+def test_the_present_belongs_to_a_message_that_may_still_come_and_a_leap_of_hours_is_not_lived_through():
     ticks = SimulatedTicks(0.12, 0.025)
     ticks.restart(SECOND)
     assert list(ticks.take(SECOND + 120_000_000)) == []
     assert list(ticks.take(SECOND + 120_000_001)) == [SECOND + 120_000_000]
-
-
-def test_ticks_begin_when_time_is_heard_and_a_leap_of_hours_is_not_lived_through():
     ticks = SimulatedTicks(0.12, 0.025)
     assert list(ticks.take(0)) == list(ticks.take(SECOND)) == []
     assert list(ticks.take(SECOND + 30_000_000)) == [SECOND, SECOND + 25_000_000]

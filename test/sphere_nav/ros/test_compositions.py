@@ -17,8 +17,7 @@ from sphere_nav.params import leaves
 from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, NodeStart, after_exit
 from worlds.rig import vertical_rig
 
-# Written out: imported, a change would go unseen.
-MAX_RESTARTS = 5
+MAX_RESTARTS = 5  # written out: imported, a change would go unseen
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}
@@ -29,7 +28,6 @@ ABSOLUTE = {"/tf", "/tf_static", "/clock"}
 
 @pytest.fixture(autouse=True)
 def _files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the arguments name, in this folder."""
     monkeypatch.chdir(tmp_path)
     write_rig(tmp_path / "rig.yaml", vertical_rig())
     (tmp_path / "town.ply").touch()
@@ -47,25 +45,24 @@ def name_of(path: Path) -> str:
     return path.name.removesuffix(".launch.py")
 
 
-def test_every_composition_has_its_launch_file() -> None:
+def test_every_composition_has_its_launch_file_whose_examples_name_arguments() -> None:
     assert {name_of(path) for path in LAUNCH_FILES} == set(COMPOSITIONS)
     assert set(BY_NAME) - {start.node for name in COMPOSITIONS for start in starts(name)} == set()
+    for path in LAUNCH_FILES:
+        for command in re.findall(r"\.launch\.py (\S.*)", ast.get_docstring(ast.parse(path.read_text())) or ""):
+            words = re.findall(r"(\w+):=", command)
+            assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
 
 
-def test_nodes_and_their_parameters_exist() -> None:
+def test_nodes_and_their_parameters_exist_and_a_namespace_and_a_site_reach_them() -> None:
     for name in COMPOSITIONS:
         for start in starts(name):
-            known = {
-                leaf.name: leaf for cls in (BY_NAME[start.node].PARAMS, generate.ShellParams) for leaf in leaves(cls)
-            }
+            classes = (BY_NAME[start.node].PARAMS, generate.ShellParams)
+            known = {leaf.name: leaf for cls in classes for leaf in leaves(cls)}
             for key, value in start.parameters.items():
                 if key != "use_sim_time":
                     assert type(value) is known[key].type, f"{name}: {start.node}.{key}"
                     known[key].check(value)
-
-
-def test_a_namespace_and_a_site_reach_every_node() -> None:
-    for name in COMPOSITIONS:
         for start in starts(name, namespace="/car2", site="site.yaml"):
             assert start.namespace == "car2"
             assert start.site == "site.yaml"
@@ -109,9 +106,7 @@ def keys(folder: Path, starts: list[NodeStart], monkeypatch: pytest.MonkeyPatch)
     return files
 
 
-def test_no_node_starts_without_its_keys_where_security_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_node_starts_without_its_keys_where_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     navigation, given = COMPOSITIONS["navigation"], {"map": "campus", "security": "true", "namespace": "car2"}
     starts = navigation.starts(given)
     assert [start.enclave for start in starts] == ["/car2/dense_localizer", "/car2/path_follower"]
@@ -179,14 +174,12 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
     keys(tmp_path, COMPOSITIONS[name_of(path)].starts(values), monkeypatch)
     expected = COMPOSITIONS[name_of(path)].starts(values)
     nodes = opaque.function(types.SimpleNamespace(launch_configurations=values))
-    assert [(n.executable, n.namespace, n.remappings) for n in nodes] == [
-        (start.node, start.namespace, list(start.topics.items())) for start in expected
-    ]
+    told = [(start.node, start.namespace, list(start.topics.items())) for start in expected]
+    assert [(n.executable, n.namespace, n.remappings) for n in nodes] == told
     assert [n.ros_arguments for n in nodes] == [["--enclave", f"/{start.node}"] for start in expected]
     assert [n.parameters[-1] for n in nodes] == [dict(start.parameters) for start in expected]
-    assert [n.respawn_delay for n in nodes if n.respawn] == [
-        RESTART_AFTER[start.node] for start in expected if RESTART_AFTER[start.node]
-    ]
+    delays = [RESTART_AFTER[start.node] for start in expected]
+    assert [n.respawn_delay for n in nodes if n.respawn] == list(filter(None, delays))
     typed = types.SimpleNamespace(argv=["nmae:=car2"], launch_configurations={"nmae": "car2"})
     with pytest.raises(ValueError, match=r"nmae.*: expected one of"):
         check.function(typed)
@@ -202,19 +195,10 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
                 node.on_exit(types.SimpleNamespace(returncode=2), context)
 
 
-def test_examples_of_launch_files_name_arguments() -> None:
-    for path in LAUNCH_FILES:
-        for command in re.findall(r"\.launch\.py (\S.*)", ast.get_docstring(ast.parse(path.read_text())) or ""):
-            words = re.findall(r"(\w+):=", command)
-            assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
-
-
 def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     mapper, player = starts("mapping", driver="zed4", rig="", bag="drive")
-    assert (mapper.parameters["input"], player.parameters["wait_for"]) == (
-        "rgbd",
-        "zed/zed_node/depth/depth_registered",
-    )
+    assert mapper.parameters["input"] == "rgbd"
+    assert player.parameters["wait_for"] == "zed/zed_node/depth/depth_registered"
     player = starts("replay", driver="zed4")[-1]
     assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color:2"
     player = starts("replay", driver="zed4", image="/front/image")[-1]

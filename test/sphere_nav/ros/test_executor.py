@@ -1,15 +1,10 @@
 """Whatever a callback raises, of ours or of rclpy, the same callback is served again and the process goes on."""
 
-import time
 from contextlib import ExitStack, closing
 
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import (
-    SetParameters,
-    SetParametersAtomically,
-)
-from rclpy.node import Node
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter as Setting
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -22,13 +17,9 @@ from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
-from worlds.desk import PATIENCE, Desk
-from worlds.patience import wait_until
+from worlds.desk import Desk
 
-# Written out: imported, a change would go unseen.
-MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0
-
-DROPPED = 0.2  # s
+MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0  # written out: imported, a change would go unseen
 
 
 class Lines:
@@ -68,43 +59,10 @@ def failures():
 
 
 @pytest.fixture
-def executor(ros, failures):
-    executor = GuardedExecutor(failures)
-    yield executor
-    for node in executor.get_nodes():
-        executor.remove_node(node)
-        node.destroy_node()
-    executor.shutdown()
-
-
-@pytest.fixture
-def node(executor):
-    node = Node("plain")
-    executor.add_node(node)
-    return node
-
-
-def until(executor, is_done):
-    assert wait_until(is_done, PATIENCE, lambda: executor.spin_once(timeout_sec=0.05)), "nothing came in time"
-
-
-class Clients:
-    """One client of each service of a peer: one that is made where its like has just gone is at times never matched."""
-
-    def __init__(self, executor, node):
-        self.executor, self.node, self.clients = executor, node, {}
-
-    def ask(self, kind, name, request):
-        """Return the answer; None where the request was dropped: it failed, and none came in `DROPPED`."""
-        if name not in self.clients:
-            self.clients[name] = self.node.create_client(kind, name)
-        client, executor = self.clients[name], self.executor
-        until(executor, client.service_is_ready)
-        before, answer = executor.num_failed, client.call_async(request)
-        until(executor, lambda: answer.done() or executor.num_failed > before)
-        end = time.monotonic() + DROPPED
-        until(executor, lambda: answer.done() or time.monotonic() > end)
-        return answer.result() if answer.done() else None
+def bare(ros, failures):
+    """A plain node in the guarded executor."""
+    with closing(Desk(executor=GuardedExecutor(failures))) as desk:
+        yield desk
 
 
 # --- each kind of callback
@@ -112,7 +70,8 @@ ERRORS = [ValueError("one"), ZeroDivisionError(), OverflowError("big"), MemoryEr
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, failures, error):
+def test_a_callback_of_any_kind_is_called_again_after_it_raised(bare, failures, error):
+    node, executor = bare.peer, bare.executor
     calls = {"timer": 0, "subscription": 0, "service": 0, "guardcondition": 0, "task": 0}
 
     def fail(kind, *passed):
@@ -124,7 +83,7 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
     node.create_service(Trigger, "act", lambda request, response: fail("service"))
     condition = node.create_guard_condition(lambda: fail("guardcondition"))
     numbers, client = node.create_publisher(Int32, "number", 10), node.create_client(Trigger, "act")
-    until(executor, lambda: numbers.get_subscription_count() and client.service_is_ready())
+    bare.until(lambda: numbers.get_subscription_count() and client.service_is_ready())
 
     def prod():
         numbers.publish(Int32())
@@ -133,7 +92,7 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
         executor.create_task(lambda: fail("task"))
         return min(calls.values()) >= 3
 
-    until(executor, prod)
+    bare.until(prod)
     assert failures.num_failed == sum(calls.values())
     texts = [line for line in failures._log.lines if line.startswith("callback failed: ")]
     assert {text.split(": ")[1].split(" ")[0] for text in texts} == {*calls}
@@ -142,12 +101,12 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, 
     assert len(traced) == 1  # of one place, once
 
 
-def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(executor, node, monkeypatch):
+def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(bare, monkeypatch):
     """rclpy marks an entity as busy before it takes the message, and leaves it so where that raises."""
-    heard = []
+    node, executor, heard = bare.peer, bare.executor, []
     node.create_subscription(Int32, "number", lambda message: heard.append(message.data), 10)
     numbers = node.create_publisher(Int32, "number", 10)
-    until(executor, numbers.get_subscription_count)
+    bare.until(numbers.get_subscription_count)
     take, is_broken = executor._take_subscription, [True]
 
     def take_badly(subscription):
@@ -160,14 +119,14 @@ def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_servic
     monkeypatch.setattr(executor, "_take_subscription", take_badly)
     for number in (1, 2):
         numbers.publish(Int32(data=number))
-    until(executor, lambda: heard)
+    bare.until(lambda: heard)
     assert heard == [2]
     assert "subscription /number: 'utf-8' codec" in executor.last_failure
 
 
 @pytest.mark.slow
-def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loop(executor, node, monkeypatch):
-    ticks = []
+def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loop(bare, monkeypatch):
+    node, executor, ticks = bare.peer, bare.executor, []
     node.create_timer(0.001, lambda: ticks.append(1))
     wait, broken = executor.wait_for_ready_callbacks, [1] * (MAX_WAITS - 1)
 
@@ -178,7 +137,7 @@ def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loo
         return wait(*args)
 
     monkeypatch.setattr(executor, "wait_for_ready_callbacks", wait_badly)
-    until(executor, lambda: ticks)
+    bare.until(lambda: ticks)
     broken += [1] * 2 * MAX_WAITS
     executor.spin_until(Future())
     assert len(broken) == MAX_WAITS
@@ -190,10 +149,7 @@ def test_level_and_line_of_the_diagnostics():
     now = [100.0]
     failures = CallbackFailures(Lines(), lambda: now[0])
 
-    class Timer:
-        pass
-
-    one, other = Timer(), Timer()
+    one, other = Lines(), Lines()  # any two objects
     assert failures.examine() == (OK, "all callbacks succeed", {"failed": 0, "last": ""})
     for count in range(1, MAX_IN_ROW + 1):
         failures.guard(lambda: 1 / 0, "part")
@@ -208,30 +164,29 @@ def test_level_and_line_of_the_diagnostics():
     failures.clear(one)
     assert failures.examine()[0] == WARN
     now[0] += RECENT_S
-    assert failures.examine() == (
-        OK,
-        "all callbacks succeed",
-        {"failed": 2 * MAX_IN_ROW, "last": failures.last_failure},
-    )
+    values = {"failed": 2 * MAX_IN_ROW, "last": failures.last_failure}
+    assert failures.examine() == (OK, "all callbacks succeed", values)
 
 
 # --- a whole node, and what rclpy opens for it
 class Echoed(Desk):
-    """A node of ours and a plain one in the guarded executor."""
-
     def __init__(self, **values):
         self.shell = LiveShell(Echo, parameter_overrides=[Setting(name, value=value) for name, value in values.items()])
         super().__init__(self.shell, executor=GuardedExecutor(self.shell.failures))
-        self.clients, self.heard = Clients(self.executor, self.peer), []
+        self.clients, self.heard = {}, []
         self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
 
     def ask(self, kind, name, request):
-        return self.clients.ask(kind, f"echo/{name}", request)
+        """Return the answer; a client that is made where its like has just gone is at times never matched."""
+        if name not in self.clients:
+            self.clients[name] = self.peer.create_client(kind, f"echo/{name}")
+        self.until(self.clients[name].service_is_ready)
+        answer = self.clients[name].call_async(request)
+        self.until(answer.done)
+        return answer.result()
 
     def works(self, number):
-        """Whether a number comes back."""
-
         def prod():
             self.numbers.publish(Int32(data=number))
             return number in self.heard
@@ -256,9 +211,8 @@ def typed(name, kind, **value):
     return Parameter(name=name, value=ParameterValue(type=kind, **value))
 
 
-@pytest.mark.parametrize("kind", [77])
-def test_a_parameter_of_no_type_is_refused_in_words(make_desk, kind):
-    desk = make_desk()
+def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
+    desk, kind = make_desk(), 77
     odd, good = typed("gain", kind), typed("gain", 3, double_value=2.5)
     answer = desk.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[odd, good]))
     assert [result.successful for result in answer.results] == [False, True]
@@ -291,10 +245,9 @@ def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk
     assert not clock_of().ros_time_is_active
     assert clock.get_subscription_count() == 0
     assert not desk.shell.get_parameter("use_sim_time").value
-    mixed = SetParametersAtomically.Request(
-        parameters=[typed("gain", 3, double_value=2.0), typed("use_sim_time", 1, bool_value=True)]
-    )
-    assert not desk.ask(SetParametersAtomically, "set_parameters_atomically", mixed).result.successful
+    mixed = [typed("gain", 3, double_value=2.0), typed("use_sim_time", 1, bool_value=True)]
+    request = SetParametersAtomically.Request(parameters=mixed)
+    assert not desk.ask(SetParametersAtomically, "set_parameters_atomically", request).result.successful
     assert not clock_of().ros_time_is_active
     desk.shell.trigger_cleanup()
     assert choose(True).successful
@@ -306,7 +259,7 @@ def test_a_latched_message_that_cannot_be_used_does_not_undo_the_start(make_desk
     latched = desk.peer.create_publisher(Int32, "latched", qos.LATCHED)
     desk.shell.trigger_configure()
     latched.publish(Int32(data=4))
-    until(desk.executor, lambda: any(wanted.kept for wanted in desk.shell.node.inputs))
+    desk.until(lambda: any(wanted.kept for wanted in desk.shell.node.inputs))
     desk.shell.trigger_activate()
     assert desk.works(1)
     assert desk.shell.node.latched == [4]

@@ -14,8 +14,8 @@ class Plain(ManagedNode):
     NAME = "plain"
 
 
-def test_what_is_forgotten_is_not_heard(make_bag):
-    bus, heard = OfflineBus(), []
+def test_what_is_forgotten_is_not_heard_and_an_output_knows_its_listeners():
+    bus, heard = OfflineBus(captured=set()), []
     node = bus.add(Plain)
     wanted = node.add_subscription("text", String, heard.append)
     bus.deliver("/text", String(data="a"))
@@ -23,6 +23,12 @@ def test_what_is_forgotten_is_not_heard(make_bag):
     bus.deliver("/text", String(data="b"))
     assert [message.data for message in heard] == ["a"]
     assert node.inputs == []
+    output = node.add_publisher("text", String)
+    assert output.num_subscriptions == 0
+    node.add_subscription("text", String, lambda message: None)
+    assert output.num_subscriptions == 1
+    with pytest.raises(ValueError, match="unknown parameter"):
+        bus.add(Plain, {"speed": 1.0})
 
 
 def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplog):
@@ -42,14 +48,3 @@ def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplo
         "~/call: request: expected 1, found 9",
         "~/call: Traceback (most recent call last):",
     ]
-
-
-def test_an_output_knows_its_listeners():
-    bus = OfflineBus(captured=set())
-    node = bus.add(Plain)
-    output = node.add_publisher("text", String)
-    assert output.num_subscriptions == 0
-    node.add_subscription("text", String, lambda message: None)
-    assert output.num_subscriptions == 1
-    with pytest.raises(ValueError, match="unknown parameter"):
-        bus.add(Plain, {"speed": 1.0})

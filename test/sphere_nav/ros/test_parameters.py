@@ -43,7 +43,7 @@ def test_defaults_and_overrides(make_node):
     assert kit.read(node, Outer) == Outer(rate=3.5, inner=Inner(size=8), mode="fast", is_on=False)
 
 
-def test_a_value_out_of_range_names_parameter_expected_and_found(make_node):
+def test_a_value_out_of_range_and_an_override_that_no_one_declared_are_named(make_node):
     for values, reason in [
         ({"rate": 0.0}, r"rate: expected at least 0\.1, found 0\.0"),
         ({"inner__size": 9}, r"inner\.size: expected 1 to 8, found 9"),
@@ -51,6 +51,8 @@ def test_a_value_out_of_range_names_parameter_expected_and_found(make_node):
     ]:
         with pytest.raises(ValueError, match=reason):
             make_node(**values)
+    node = make_node(raet=1.0, inner__size=2)
+    assert kit.unknown_overrides(node) == ["raet: unknown parameter, ignored (is rate meant?)"]
 
 
 def test_descriptors_tell_meaning_unit_and_range(make_node):
@@ -73,8 +75,3 @@ def test_setting_gives_the_reason(make_node):
     fixed = make_node("not now")
     result = fixed.set_parameters([Parameter("rate", value=5.0)])[0]
     assert (result.successful, result.reason) == (False, "rate: not now")
-
-
-def test_an_override_that_no_one_declared_is_named(make_node):
-    node = make_node(raet=1.0, inner__size=2)
-    assert kit.unknown_overrides(node) == ["raet: unknown parameter, ignored (is rate meant?)"]

@@ -27,22 +27,15 @@ def check(node, *rules, name="", namespace="/", heard=None, flag="-r"):
 )
 def test_a_name_that_no_node_has_is_refused_with_the_nearest(node, rule, hint):
     for flag in ("-r", "--remap"):
-        with pytest.raises(
-            ValueError, match=f"^-r {hint}: expected a topic or service of {node}, found one of no node$"
-        ):
+        expected = f"^-r {hint}: expected a topic or service of {node}, found one of no node$"
+        with pytest.raises(ValueError, match=expected):
             check(node, rule, flag=flag)
 
 
 def test_names_of_the_node_pass_in_every_form():
-    rules = (
-        "image_raw:=/a",
-        "/image_raw:=a",
-        "/car2/odom:=b",
-        "~/reset:=c",
-        "finder/load_map:=d",
-        "cameras/x/image_raw:=e",
-    )
-    assert check("dense_localizer", *rules, "finder:pose:=f", name="finder", namespace="/car2") == []
+    own = ("image_raw:=/a", "/image_raw:=a", "/car2/odom:=b", "~/reset:=c", "cameras/x/image_raw:=e")
+    named = ("finder/load_map:=d", "finder:pose:=f")
+    assert check("dense_localizer", *own, *named, name="finder", namespace="/car2") == []
     assert check("path_follower", *(f"{topic}:=x" for topic in ControlLoop.TOPICS)) == []  # of its loop's process
     assert check("bag_recorder", "anything:=x") == check("bag_player", "anything:=x") == []
     assert check("dense_localizer", "__ns:=/a", "__node:=b", "base:anything:=x", "/clock:=clock") == []
@@ -52,11 +45,8 @@ def test_names_of_the_node_pass_in_every_form():
 
 
 def test_a_name_of_other_nodes_is_told():
-    (line,) = check("mcl_depth", "cmd_vel:=/base/cmd_vel")
-    assert (
-        line
-        == "-r cmd_vel: expected a topic or service of mcl_depth, found one of other nodes: it renames nothing here"
-    )
+    line = "-r cmd_vel: expected a topic or service of mcl_depth, found one of other nodes: it renames nothing here"
+    assert check("mcl_depth", "cmd_vel:=/base/cmd_vel") == [line]
 
 
 @pytest.mark.parametrize("name", COMPOSITIONS)

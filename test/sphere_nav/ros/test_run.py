@@ -34,8 +34,7 @@ class Napper(ManagedNode):
     def configure(self):
         if self.params.file != "good":
             raise ValueError(f"{self.params.file}: field x: expected 1, found 2")
-        if self.params.file == "good":
-            self.add_timer(0.01, self.tick, is_wall=True)
+        self.add_timer(0.01, self.tick, is_wall=True)
         self.is_told = False
 
     def tick(self):
@@ -65,12 +64,11 @@ def start(tmp_path, spawn):
     return begin
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT])
-def test_a_signal_ends_a_node_in_order(start, number):
+def test_a_signal_ends_a_node_in_order(start):
     process = start()
     assert any("fastdds_large.xml" in line for line in process.stdout)  # DDS may complain of others first
     began = time.monotonic()
-    process.send_signal(number)
+    process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=PATIENCE)
     assert time.monotonic() - began < LIMIT
     assert process.returncode == 0
@@ -115,22 +113,18 @@ def test_the_users_profile_is_kept(start, monkeypatch, tmp_path):
     assert out.startswith(f"ready {mine}")
 
 
-# --- SROS2
-def enclave(folder, names):
-    """Make the files of an enclave, as `ros2 security create_enclave` names them, and say what finds them."""
-    (folder / "enclaves" / "vehicle").mkdir(parents=True)
-    for name in names:
-        (folder / "enclaves" / "vehicle" / name).write_text("no key")
-    return {"ROS_SECURITY_KEYSTORE": str(folder), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
-
-
+# --- SROS2: the files of an enclave, as `ros2 security create_enclave` names them
 FILES = ["identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"]
 
 
 @pytest.mark.parametrize("names", [FILES[:3], FILES], ids=["half of them", "no keys in them"])
 def test_enforced_security_is_never_left_out_and_the_reason_is_one_line(start, monkeypatch, tmp_path, names):
-    for name, value in enclave(tmp_path / "keystore", names).items():
-        monkeypatch.setenv(name, value)
+    enclave = tmp_path / "keystore" / "enclaves" / "vehicle"
+    enclave.mkdir(parents=True)
+    for name in names:
+        (enclave / name).write_text("no key")
+    for name, value in {"KEYSTORE": str(tmp_path / "keystore"), "ENABLE": "true", "STRATEGY": "Enforce"}.items():
+        monkeypatch.setenv(f"ROS_SECURITY_{name}", value)
     process = start("is_done:=true", enclave="/vehicle")
     out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out) == (2, "")

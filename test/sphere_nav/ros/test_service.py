@@ -33,19 +33,17 @@ def test_every_exception_is_an_answer():
         assert failure == f"load: {type(error).__name__}"
 
 
-def test_a_response_without_success_is_empty():
+def test_an_answer_passes_and_a_response_without_success_is_empty():
     def handler(request, response):
         raise ValueError("no")
 
     assert answer_always(handler, "x", lambda *text: None)(Empty.Request(), Empty.Response()) == Empty.Response()
 
-
-def test_an_answer_passes():
-    def handler(request, response):
+    def works(request, response):
         response.success = True
         return response
 
-    assert answer_always(handler, "x", pytest.fail)(Trigger.Request(), Trigger.Response()).success
+    assert answer_always(works, "x", pytest.fail)(Trigger.Request(), Trigger.Response()).success
 
 
 def test_a_line_is_short_whatever_was_found():

@@ -56,37 +56,31 @@ def started(monkeypatch):
     return done
 
 
-def test_a_node_says_at_once_that_it_starts_and_is_run(started, monkeypatch, capsys):
+def test_a_node_says_at_once_that_it_starts_but_not_to_who_asks_for_help(started, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["/opt/bin/blinker", "--ros-args"])
     assert shared_files.main() == 0
     assert started == [("sphere_nav.nodes", "blinker")]
     assert capsys.readouterr().err == "blinker: sphere_nav 1.2.3 starts\n"
-
-
-def test_help_is_all_that_is_said_to_who_asks_for_it(started, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["blinker", "--help"])
     shared_files.main()
-    assert (len(started), capsys.readouterr().err) == (1, "")
+    assert (len(started), capsys.readouterr().err) == (2, "")
 
 
-def test_nothing_heavy_is_loaded_before_the_first_line():
+def test_nothing_heavy_is_loaded_before_the_first_line_and_numpy_after_its_threads_are_chosen():
     code = "import sys, sphere_nav.ros.shared_files; print({'numpy', 'rclpy', 'cv2'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+    seen = "import sphere_nav_tools.cli, os, sys; print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    told = subprocess.run([sys.executable, "-c", seen], env=environment, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["1", "False"]
 
 
 @pytest.mark.parametrize(("said", "used"), [(None, "1"), ("3", "3")])
 def test_a_node_has_one_thread_of_openblas_where_the_user_says_nothing(monkeypatch, said, used):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1" if said is None else said)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", said or "")
     if said is None:
         del os.environ["OPENBLAS_NUM_THREADS"]
     monkeypatch.setattr(sys, "argv", ["dense_localizer", "--help"])
     monkeypatch.setattr(shared_files, "node_entry", lambda name: SimpleNamespace(load=lambda: lambda: 0))
     assert shared_files.main() == 0
     assert os.environ["OPENBLAS_NUM_THREADS"] == used
-
-
-def test_a_command_says_so_before_it_imports_numpy():
-    seen = "import sphere_nav_tools.cli, os, sys; print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
-    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-    told = subprocess.run([sys.executable, "-c", seen], env=environment, capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["1", "False"]

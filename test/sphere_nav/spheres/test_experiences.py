@@ -1,13 +1,7 @@
 """Which experiences a map holds, where, and how they serve."""
 
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.experiences import (
-    Service,
-    find_places,
-    split_by_experience,
-    with_experience,
-    with_service,
-)
+from sphere_nav.spheres.experiences import Service, find_places, split_by_experience, with_experience, with_service
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 NIGHT = Experience("night", "rgbd 64 x 48", "drive_2", 7)
@@ -54,13 +48,12 @@ def test_what_was_driven_in_once_is_worth_as_much_as_what_was_driven_in_often():
 
 def test_nobody_has_counted_what_a_first_day_explains():
     """It begins with what the drive's own key spheres explain, and the drive counts as it does for others."""
-    graph = with_service(
-        with_experience(line(), NIGHT, [2, 3]), {1: Service(3, 9)}, {2: Service(6, 7), 3: Service(3, 8)}
-    )
+    first = {2: Service(6, 7), 3: Service(3, 8)}
+    graph = with_service(with_experience(line(), NIGHT, [2, 3]), {1: Service(3, 9)}, first)
     share = 3 / 12  # of the drive by the day's
     assert [node.served for node in graph] == [4.5 * (1 - share / 2), 4.5 * (1 - share / 2) + 1.5, 6.0, 3.0]
     assert [node.last_served_ns for node in graph] == [0, 9, 7, 8]
-    given = with_service(with_experience(line(), NIGHT, [2, 3]), {}, {2: Service(6, 7), 3: Service(3, 8)}, 20.0)
+    given = with_service(with_experience(line(), NIGHT, [2, 3]), {}, first, 20.0)
     assert [node.served for node in given] == [20.0, 20.0, 6.0, 3.0]
     known = with_service(with_experience(line(), NIGHT, [3]), {1: Service(8, 100)})
     assert [node.served for node in with_service(known, {}, {3: Service(2, 200)})] == [2.0, 8.0, 2.0, 2.0]

@@ -18,26 +18,24 @@ from sphere_nav.spheres.range_alignment import (
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import Room, optical, sharp_room
 
-# Written out: imported, a change would go unseen.
-RANGE_TURN_SHARE = 0.05
+RANGE_TURN_SHARE = 0.05  # written out: imported, a change would go unseen
 
 WHOLE = Spherical(256, 128)
 WINDOW = Spherical(160, 110, 512.0, 176.0, 60.0)
 T_A, T_B = SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.6, -0.1, 0.55)
 T_A_B = T_A.inverse() @ T_B
+FROM_AFAR = [(WHOLE, 0.0, 3.0), (WHOLE, 0.005, 6.0), (WINDOW, 0.005, 12.0)]  # camera, noise, limit in mm
 
 
-def ranges(pose, camera=WHOLE, room=None, noise=0.0):
-    sphere = (room or sharp_room()).sphere(pose, camera)
+def ranges(pose, camera=WHOLE, noise=0.0):
+    sphere = sharp_room().sphere(pose, camera)
     rng = np.random.default_rng(3)
     rough = sphere.range_m * (1.0 + noise * rng.normal(size=sphere.range_m.shape))
     dark = np.ones_like(sphere.image)  # light plays no part
     return RangeImage.from_sphere(Sphere(dark, rough.astype(np.float32), camera))
 
 
-@pytest.mark.parametrize(
-    ("camera", "noise", "limit_mm"), [(WHOLE, 0.0, 3.0), (WHOLE, 0.005, 6.0), (WINDOW, 0.005, 12.0)]
-)
+@pytest.mark.parametrize(("camera", "noise", "limit_mm"), FROM_AFAR)
 def test_a_motion_is_found_from_afar(camera, noise, limit_mm):
     guess = T_A_B @ SE3.exp([0.15, -0.1, 0.08, 0.03, -0.04, 0.1])
     fit = measure_motion_by_ranges(ranges(T_A, camera, noise=noise), ranges(T_B, camera, noise=noise), guess)
@@ -59,36 +57,30 @@ def test_a_motion_that_is_off_by_more_than_the_last_gate_does_not_fit():
     assert set(worst.argmax(axis=1)) == {0, 1}  # the turn tells the least, or the position
 
 
-def test_a_single_wall_holds_no_motion():
+def test_a_single_wall_holds_no_motion_and_nothing_in_common_is_nothing():
     """It could be slid along: not observable."""
     rays = pixel_rays(WINDOW)
     wall = Sphere(np.ones(rays.shape[:2], np.uint8), (2.0 / rays[..., 0]).astype(np.float32), WINDOW)
     found = align_ranges(RangeImage.from_sphere(wall), RangeImage.from_sphere(wall), SE3.identity())
     assert found is None or not found.is_good
+    back = SE3.from_planar(0.0, 0.0, np.pi)
+    turned = RangeImage.from_sphere(Room().sphere(back, WINDOW))
+    assert align_ranges(ranges(SE3.identity(), WINDOW), turned, back) is None
 
 
 def test_what_is_not_measured_plays_no_part():
-    camera = WHOLE
-    sphere = sharp_room().sphere(T_B, camera)
+    sphere = sharp_room().sphere(T_B, WHOLE)
     holes = sphere.range_m.copy()
     holes[:, 40:110], holes[60:] = np.nan, np.inf
     fit = align_ranges(ranges(T_A), RangeImage.from_sphere(replace(sphere, range_m=holes)), T_A_B @ SE3.exp([0.05] * 6))
     assert T_A_B.distance(fit.T_a_b)[0] < 0.005
 
 
-def test_nothing_in_common_is_nothing():
-    turned = Room().sphere(SE3.from_planar(0.0, 0.0, np.pi), WINDOW)
-    assert (
-        align_ranges(ranges(SE3.identity(), WINDOW), RangeImage.from_sphere(turned), SE3.from_planar(0, 0, np.pi))
-        is None
-    )
-
-
 PINHOLE = Pinhole(128, 96, 90.0, 90.0, 63.5, 47.5)
 
 
-def depth_image(T_room_camera, room=None):
-    return DepthImage((room or sharp_room()).rgbd(PINHOLE, T_room_camera)[1], PINHOLE, SE3.identity())
+def depth_image(T_room_camera):
+    return DepthImage(sharp_room().rgbd(PINHOLE, T_room_camera)[1], PINHOLE, SE3.identity())
 
 
 @pytest.mark.parametrize("camera", [WHOLE, WINDOW])
@@ -121,16 +113,13 @@ def test_both_ways_agree_within_their_gap(monkeypatch):
     np.testing.assert_allclose(np.sqrt(floor), np.repeat([0.005 + 0.005, 0.002], 3))  # where they agree, a metre apart
 
 
-def test_the_points_of_a_depth_image_are_those_of_the_surfaces():
-    room, pose = sharp_room(), optical(T_B)
-    image = RangeImage.from_depth(depth_image(pose, room))
+def test_the_points_of_a_depth_image_are_those_of_the_surfaces_and_depth_of_zero_is_none():
+    pose = optical(T_B)
+    depth = depth_image(pose)
+    image = RangeImage.from_depth(depth)
     known = image.points[image.rows]
-    np.testing.assert_allclose(np.max(np.abs(pose.apply(known)) / room.half, axis=1), 1.0, atol=0.01)
+    np.testing.assert_allclose(np.max(np.abs(pose.apply(known)) / sharp_room().half, axis=1), 1.0, atol=0.01)
     assert np.all(np.sum(image.normals[image.rows] * known, axis=1) < 0.0)  # towards the camera
-
-
-def test_depth_of_zero_is_none():
-    depth = depth_image(optical(T_B))
     holes = depth.depth_m.copy()
     holes[:, :40] = 0.0
     image = RangeImage.from_depth(replace(depth, depth_m=holes))
@@ -148,7 +137,4 @@ def test_a_turn_between_two_views_makes_a_motion_less_sure():
         added = np.diagonal(fit.honest_covariance - fit.covariance)
         np.testing.assert_allclose(added[3:], (RANGE_TURN_SHARE * expected) ** 2, atol=1e-12)
         np.testing.assert_allclose(added[:3], (RANGE_TURN_SHARE * expected * fit.typical_m) ** 2, atol=1e-12)
-    whole = assess_ranges(
-        ranges(T_A), RangeImage.from_depth(depth_image(optical(turned))), T_A.inverse() @ optical(turned)
-    )
-    assert whole.turn_rad == 0.0
+    assert assess_ranges(ranges(T_A), RangeImage.from_depth(depth_image(pose)), T_A.inverse() @ pose).turn_rad == 0.0

@@ -22,12 +22,11 @@ def gray(value=100):
 
 def test_optical_axes_become_body_axes():
     z_forward, x_right, y_down = np.eye(3)[[2, 0, 1]]
-    np.testing.assert_array_equal(
-        T_BODY_OPTICAL.apply(np.array([z_forward, x_right, y_down])), [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
-    )
+    found = T_BODY_OPTICAL.apply(np.array([z_forward, x_right, y_down]))
+    np.testing.assert_array_equal(found, [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 
 
-def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
+def test_points_are_where_their_pixels_look_and_unknown_ones_are_left_out():
     range_m = plane(3.0)
     range_m[:, :4] = np.nan
     range_m[:, 4:6] = np.inf
@@ -35,18 +34,23 @@ def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
     assert points.shape == (8 * 10, 3)
     assert values.shape == (8 * 10,)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 3.0, rtol=1e-6)
+    range_m = plane()
+    range_m[:] = np.arange(1.0, 9.0, dtype=np.float32)[:, None]
+    image = np.arange(1, 129, dtype=np.uint8).reshape(8, 16)
+    points, values = Sphere(image, range_m, CAMERA).points(step=3)
+    v, u = np.mgrid[0:8:3, 0:16:3]
+    np.testing.assert_array_equal(values, image[::3, ::3].ravel())
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), range_m[::3, ::3].ravel(), rtol=1e-6)
+    np.testing.assert_allclose(CAMERA.project(points)[0], np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-4)
 
 
-def test_levels_of_a_gray_image_are_its_bytes_and_continue_what_was_seen():
+def test_levels_of_a_gray_image_are_its_bytes_and_a_pixel_is_seen_if_it_is_lit_or_measured():
     image, range_m = gray(), plane()
     image[2, 3], range_m[2, 3] = 0, np.nan
     sphere = Sphere(image, range_m, CAMERA)
     assert sphere.levels.dtype == np.uint8
     np.testing.assert_array_equal(sphere.levels, sphere.gray)
     assert Sphere(np.dstack([image] * 3), range_m, CAMERA).levels.dtype == np.float32
-
-
-def test_a_pixel_is_seen_if_it_is_lit_or_measured():
     image, range_m = gray(), plane()
     image[0, :3], range_m[0, 1:] = 0, np.nan
     np.testing.assert_array_equal(Sphere(image, range_m, CAMERA).is_seen[0, :4], [True, False, False, True])
@@ -76,30 +80,13 @@ def test_the_unknown_continues_the_nearest_known():
         assert continued(values, same) is values
 
 
-def test_points_are_where_their_pixels_look():
-    range_m = plane()
-    range_m[:] = np.arange(1.0, 9.0, dtype=np.float32)[:, None]
-    image = np.arange(1, 129, dtype=np.uint8).reshape(8, 16)
-    points, values = Sphere(image, range_m, CAMERA).points(step=3)
-    v, u = np.mgrid[0:8:3, 0:16:3]
-    np.testing.assert_array_equal(values, image[::3, ::3].ravel())
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), range_m[::3, ::3].ravel(), rtol=1e-6)
-    np.testing.assert_allclose(CAMERA.project(points)[0], np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-4)
-
-
-def test_a_depth_of_another_kind_or_size_is_refused():
-    for depth_m, found in [
-        (np.ones((8, 16), np.uint16), "16 x 8 uint16"),
-        (np.ones((8, 15), np.float32), "15 x 8 float32"),
-        (np.ones((8, 16, 1), np.float32), "16 x 8 x 1 float32"),
-    ]:
+def test_a_depth_or_deviation_of_another_kind_or_size_is_refused():
+    wrong = [((8, 16), np.uint16, "16 x 8 uint16"), ((8, 15), float, "15 x 8 f"), ((8, 16, 1), float, "16 x 8 x 1 f")]
+    for shape, kind, found in wrong:
         with pytest.raises(ValueError, match=f"depth: expected 16 x 8 metres, found {found}"):
-            check_depth(depth_m, CAMERA)
-        for kind in (np.float32, np.float64):
-            check_depth(np.ones((8, 16), kind), CAMERA)
-
-
-def test_the_deviation_fits_the_range():
+            check_depth(np.ones(shape, kind), CAMERA)
+    for kind in (np.float32, np.float64):
+        check_depth(np.ones((8, 16), kind), CAMERA)
     Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1))
     with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
@@ -141,7 +128,7 @@ def test_the_nearest_surface_of_a_block_counts_and_the_unknown_does_not():
 
 
 def colored():
-    """Return a colored in colour with measured, far and unknown ranges."""
+    """Return a sphere in colour with measured, far and unknown ranges."""
     rng = np.random.default_rng(5)
     camera = Spherical(64, 32, 64.0)
     image = rng.integers(1, 256, (camera.height, camera.width, 3), np.uint8)
@@ -152,7 +139,7 @@ def colored():
     return Sphere(image, range_m, camera, 7, std_m)
 
 
-def test_what_is_aligned_stays_within_a_rounding():
+def test_what_is_aligned_stays_within_a_rounding_when_it_is_condensed_and_then_as_it_is():
     before = colored()
     after = condensed_sphere(before)
     np.testing.assert_array_equal(after.image, to_gray_bytes(before.image))
@@ -164,10 +151,6 @@ def test_what_is_aligned_stays_within_a_rounding():
     ratio = after.range_std_m[known] / before.range_std_m[known]
     assert 0.7 < ratio.min() < 0.8
     assert 1.25 < ratio.max() < 1.45
-
-
-def test_a_condensed_sphere_stays_as_it_is():
-    after = condensed_sphere(colored())
     again = condensed_sphere(after)
     np.testing.assert_array_equal(again.image, after.image)
     np.testing.assert_array_equal(again.range_m, after.range_m)

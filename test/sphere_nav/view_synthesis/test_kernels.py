@@ -1,7 +1,6 @@
 """Each kernel against a few lines of NumPy, or a law."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
@@ -16,13 +15,10 @@ def breaks_of(nearness, wraps=False):
     return breaks
 
 
-def test_a_step_is_a_break_and_a_slope_is_none():
+def test_a_step_is_a_break_a_slope_or_a_crease_is_none_and_a_thin_thing_has_two():
     row = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.45, 0.40, 0.35, 0.30])
     assert breaks_of(np.tile(row, (3, 1)))[1].tolist() == [0, 0, 1, 0, 0, 0, 0, 0, 0, 0]
     assert breaks_of(np.tile(row, (3, 1)).T)[:, 1].tolist() == [0, 0, 2, 0, 0, 0, 0, 0, 0, 0]
-
-
-def test_a_crease_is_none_and_a_thin_thing_has_two():
     crease = np.array([0.5, 0.5, 0.5, 0.45, 0.38, 0.31, 0.24])
     assert not breaks_of(np.tile(crease, (3, 1)))[1].any()
     thin = np.array([0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5])
@@ -58,11 +54,8 @@ def test_a_plane_makes_large_quads_and_waves_small_ones():
 
 
 def test_corners_are_projected_as_the_camera_says(rng):
-    for camera in [
-        Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
-        Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0),
-        Spherical(128, 64),
-    ]:
+    lens = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5)
+    for camera in (lens, Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0), Spherical(128, 64)):
         points = rng.normal(size=(3, 600)).astype(F) * 4
         T = SE3.exp([0.1, -0.2, 0.3, 0.2, 0.1, -0.3])
         placed = np.empty((600, 3), F)
@@ -87,8 +80,7 @@ def test_a_triangle_from_behind_is_not_drawn():
     assert not drawn[1][0].any()
 
 
-@pytest.mark.parametrize("wraps", [False])
-def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one(wraps):
+def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one():
     side, shape = 0.375, (6, 9)
     rows, columns = np.mgrid[0:17, 0:25]
     v, u = (side * rows.ravel() - 0.4).astype(np.float32), (side * columns.ravel() - 0.4).astype(np.float32)
@@ -97,7 +89,7 @@ def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one(wraps):
     first = (25 * np.arange(16)[:, None] + np.arange(24)).ravel()
     corners = np.stack([first, first + 1, first + 26, first + 25], axis=1).astype(np.int32)
     nearness, source = np.zeros(shape, np.float32), np.full((*shape, 2), np.nan, np.float32)
-    kernels.draw_quads(corners, placed, pixels, 1000, wraps, nearness, source)
+    kernels.draw_quads(corners, placed, pixels, 1000, False, nearness, source)
     np.testing.assert_allclose(nearness, 1.0, rtol=1e-5)
     v, u = np.mgrid[0:6, 0:9]
     np.testing.assert_allclose(source, np.stack([(u + 0.4) / side, (v + 0.4) / side], axis=-1), atol=1e-4)

@@ -13,11 +13,10 @@ from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
 from worlds.localizer import MemoryMap, make_map
-from worlds.patience import Patience
+from worlds.patience import wait_until
 from worlds.room import optical
 
-# Written out: imported, a change would go unseen.
-MIN_KEPT = 4
+MIN_KEPT = 4  # written out: imported, a change would go unseen
 
 PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 PLACES = [SE3.from_planar(x, 0.0, 0.3 * i) for i, x in enumerate(np.linspace(-2.5, 2.5, 8))]
@@ -95,38 +94,21 @@ def test_two_key_spheres_are_read_for_a_view_and_each_once(sphere_map):
     scene.close()
 
 
-@pytest.mark.parametrize(("distances", "weights"), [((0.5, 1.5), (5 / 6, 1 / 6))])
-def test_where_no_more_spheres_are_the_farthest_has_half_its_weight(sphere_map, distances, weights):
+def test_where_no_more_spheres_are_the_farthest_has_half_its_weight(sphere_map):
     """The one left out stands twice as far away: by distances 1/2 and 3/2 weights (1 - 1/6) / (1/2), (1/2) / (3/2)."""
-    nodes = [
-        KeySphere(i, 1, SE3.from_planar(x, 0.0, 0.0), sphere_map.graph[i].sphere)
-        for i, x in enumerate([distances[0], *(-d for d in distances[1:])])
-    ]
-    source = MemoryMap(SphereGraph(nodes))
-    scene = Scene(source)
-    T = optical(SE3.identity())
-    found = scene.render(T, PINHOLE)
-    placed = [
-        PlacedSurface(surface_of(source.load_sphere(node.id)), node.T_map_sphere, weight)
-        for node, weight in zip(nodes, weights, strict=True)
-    ]
-    np.testing.assert_array_equal(found.image, synthesize(placed, T, PINHOLE).image)
+    spheres, places = [sphere_map.graph[i].sphere for i in (0, 1)], [SE3.from_planar(x, 0.0, 0.0) for x in (0.5, -1.5)]
+    nodes = [KeySphere(i, 1, T, sphere) for i, (T, sphere) in enumerate(zip(places, spheres, strict=True))]
+    scene, T = Scene(MemoryMap(SphereGraph(nodes))), optical(SE3.identity())
+    placed = map(PlacedSurface, map(surface_of, spheres), places, (5 / 6, 1 / 6))
+    np.testing.assert_array_equal(scene.render(T, PINHOLE).image, synthesize(list(placed), T, PINHOLE).image)
     scene.close()
-
-
-def ready(scene, T):
-    """Wait until a view needs nothing that is not prepared."""
-    patience = Patience(20.0)
-    while not scene.is_ready(T):
-        assert patience.is_left()
-        time.sleep(1e-3)
 
 
 def test_the_nearest_that_is_ready_stands_in_for_what_is_not(sphere_map):
     source = Counting(sphere_map.graph, held=(6, 7))
     scene = Scene(source)
-    for number in (0, 4):
-        ready(scene, optical(PLACES[number]))
+    for T in (optical(PLACES[0]), optical(PLACES[4])):
+        assert wait_until(lambda T=T: scene.is_ready(T), 20.0, lambda: time.sleep(1e-3))
     prepared = set(source.reads)
     T = optical(PLACES[7])
     view = scene.render(T, PINHOLE, is_waiting=False)

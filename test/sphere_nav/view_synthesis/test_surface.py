@@ -50,12 +50,8 @@ def sides(surface):
 
 
 def test_a_step_of_three_per_cent_or_of_the_floor_ends_a_surface():
-    for near, change, is_cut in [
-        (0.5, 0.025, False),
-        (0.5, 0.035, True),
-        (0.05, 0.0035 / 0.05, False),
-        (0.05, 0.0045 / 0.05, True),
-    ]:
+    floor = [(0.05, 0.0035 / 0.05, False), (0.05, 0.0045 / 0.05, True)]
+    for near, change, is_cut in [(0.5, 0.025, False), (0.5, 0.035, True), *floor]:
         nearness = np.full((64, 128), near)
         nearness[:, 64:96] *= 1 - change
         width, left = sides(surface_of_nearness(nearness))

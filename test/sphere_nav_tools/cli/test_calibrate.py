@@ -78,20 +78,6 @@ def test_images_become_a_rig_file_with_report(capsys, world, folders, tmp_path):
     assert picture.std() > 10.0  # something is drawn
 
 
-@pytest.mark.slow
-def test_a_camera_that_never_saw_the_board_is_named(capsys, folders, tmp_path):
-    blind = tmp_path / "blind"
-    blind.mkdir()
-    for instant in range(2):
-        cv2.imwrite(str(blind / f"{instant:02d}.png"), np.full((30, 40), 128, np.uint8))
-    status, _, err = calibrate(
-        capsys, folders[0], blind, "--board", "7x4", "--square", "0.1", "-o", tmp_path / "rig.yaml"
-    )
-    assert (status, len(err)) == (2, 1)
-    assert "camera blind: expected a 7x4 chessboard in some of its images, found none" in err[0]
-    assert not (tmp_path / "rig.yaml").exists()
-
-
 def test_cameras_are_named_by_their_folder_or_by_what_their_files_begin_with(tmp_path):
     for name in ("front cam/1.png", "front cam/2.PNG", "left_1.png", "left_2.png", "7.png", "8.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -69,7 +69,6 @@ ACTION = ("send_goal", "get_result", "cancel_goal")
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder, the present one, with what the parameters name."""
     monkeypatch.chdir(tmp_path)
     x = np.linspace(0.0, 20.0, 201)
     write_network(tmp_path / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
@@ -247,18 +246,7 @@ def test_a_keystore_grants_each_enclave_what_the_policy_says(ros2_security: None
     assert main(["keystore", str(tmp_path / "keys"), "mapping"]) == 0  # beside what is there
 
 
-def test_misuse_is_one_line(capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert main(["keystore", "keys", "navigation"]) == 2
-    assert "map: expected a value" in capsys.readouterr().err
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["keystore", "keys", "mapping"]) == 2
-    told = capsys.readouterr().err
-    assert "found no ros2 on the PATH" in told
-    assert told.count("\n") == 1
-
-
 def secured(node: str, folder: Path) -> subprocess.Popen[str]:
-    """Start a node with its enclave, as `sphere_nav up` and `ros2 launch` do."""
     words = ros_arguments(NodeStart(node, enclave=f"/{node}"), folder / "parameters.yaml")
     return subprocess.Popen(node_command(node, *words), stderr=subprocess.PIPE, text=True)
 

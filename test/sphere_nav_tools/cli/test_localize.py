@@ -44,7 +44,6 @@ TUNED = [word for name, value in SMALL_IMAGES.items() for word in ("--set", f"{n
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A map of the room and a bag of a drive through it."""
     folder, room = tmp_path_factory.mktemp("localize"), wide_room()
     sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
     save_map(folder / "map", sphere_map.graph)

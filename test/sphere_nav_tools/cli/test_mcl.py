@@ -27,7 +27,6 @@ TUNED = [word for name, value in SETTINGS.items() for word in ("--set", f"{name}
 
 
 def write_room(path):
-    """Write the boxes as an ascii .ply of quadrangles."""
     vertices, faces = [], []
     for low, high in BOXES:
         first = len(vertices)
@@ -54,12 +53,10 @@ def pictures(path):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A room and a bag of a drive through it."""
     return record(tmp_path_factory.mktemp("mcl"), 1)
 
 
 def record(folder, seconds):
-    """Write the room and a bag with an image every so many seconds."""
     write_room(folder / "room.ply")
     with BagWriter(folder / "bag") as bag:
         bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)

@@ -10,9 +10,7 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import plot_figure
-from sphere_nav_tools.offline.plot_figure import (
-    runs_of,
-)
+from sphere_nav_tools.offline.plot_figure import runs_of
 
 SECOND = 10**9
 STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]

@@ -62,20 +62,10 @@ def test_places_that_are_named_are_ends_of_ways(drives, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("build", "net", "a.csv"), "net: expected a map, or a .geojson file to write"),
-        (("build", "net.geojson", "c.csv"), "c.csv: expected a file of points, found no such file"),
         (("build", "net.geojson", "a.csv", "d.csv"), "d.csv: map_id: expected campus, found hall"),
         (("build", "old.geojson", "a.csv"), "old.geojson: expected no such file, found one: --overwrite"),
-        (("show", "old.geojson"), "old.geojson: expected JSON"),
-        (("show", "net.geojson", "--plot", "x.txt"), "x.txt: expected a file .png, .pdf, .svg"),
-        (("name", "gate", "good.geojson", "--at", "5"), "--at: expected X,Y or X,Y,YAW, found '5'"),
         (("name", "gate", "good.geojson", "--at", "500,0"), "--at: expected a position within 2 m"),
         (("plan", "good.geojson", "home", "moon"), "place: expected one of home, found 'moon'"),
-        (
-            ("plan", "good.geojson", "home", "home", "--closed", "99"),
-            "--closed: expected edges of the network, found 99",
-        ),
-        (("export", "good.geojson", "-o", "x.csv"), "x.csv: expected .geojson, or .csv with --from and --to"),
     ],
 )
 def test_a_network_place_or_way_that_cannot_be_is_refused_in_one_line(drives, capsys, words, text):

@@ -13,7 +13,6 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.processes import Processes
 from sphere_nav_tools.cli.up import ros_arguments, watch
 from worlds.localizer import make_map
@@ -22,17 +21,6 @@ from worlds.room import wide_room
 
 PATIENCE = 60.0  # s of a loaded machine
 NODES = ("dense_localizer", "path_follower")
-
-
-def test_misuse_is_one_line(capsys):
-    for words, expected in [
-        (["localisation", "campus"], "expected NAME:=VALUE, found 'campus'"),
-        (["navigation", "map:=/", "gaurd:=true"], "gaurd (is guard meant?): expected one of map, image"),
-    ]:
-        assert main(["up", *words]) == 2
-        told = capsys.readouterr().err
-        assert expected in told
-        assert told.count("\n") == 1
 
 
 def test_a_node_gets_its_words(tmp_path):

@@ -91,7 +91,6 @@ def taught(room, pictures, tmp_path_factory):
 
 @pytest.fixture
 def campus(taught, tmp_path):
-    """A copy of it."""
     for folder in (taught, drives_of(taught)):
         shutil.copytree(folder, tmp_path / folder.name)
     return tmp_path / taught.name

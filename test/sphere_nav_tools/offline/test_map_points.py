@@ -12,18 +12,6 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.geojson import Datum, geojson
 from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
-from worlds.room import Room
-
-
-def test_normals_point_from_the_walls_into_the_room():
-    room, T = Room(), SE3.from_planar(0.5, -0.3, 0.7)
-    sphere = room.sphere(T, Spherical(256, 128))
-    cloud = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=3))
-    np.testing.assert_allclose(np.max(np.abs(cloud.points) / room.half, axis=1), 1.0, atol=1e-4)
-    wall = np.argmax(np.abs(cloud.points) / room.half, axis=1)
-    inward = -np.take_along_axis(cloud.normals * np.sign(cloud.points), wall[:, None], axis=1)[:, 0]
-    assert np.mean(inward > 0.99) > 0.9  # all but the pixels along the edges of the room
-    assert cloud.rgb.shape == cloud.points.shape
 
 
 def test_an_edge_of_range_gives_no_normal_across_it():

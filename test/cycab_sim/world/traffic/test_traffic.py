@@ -15,7 +15,6 @@ from sphere_nav.geometry import SE3, Pinhole
 pytestmark = pytest.mark.slow
 
 PARAMS = TrafficParams(density="usual")
-STEP = 100_000_000
 
 
 @cache
@@ -31,15 +30,6 @@ def traffic():
 @pytest.fixture(scope="module")
 def simulator(small_params):
     return Simulator(replace(small_params, world="town", traffic=PARAMS))
-
-
-def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
-    late = traffic.poses(777 * STEP)
-    traffic.poses(3 * STEP)
-    np.testing.assert_array_equal(traffic.poses(777 * STEP), late)
-    np.testing.assert_array_equal(Traffic(world(), PARAMS, 5).poses(777 * STEP), late)
-    other = Traffic(world(), replace(PARAMS, seed=1), 5).poses(777 * STEP)
-    assert other.shape != late.shape or not np.array_equal(other, late)
 
 
 def beside_someone(simulator):

@@ -9,7 +9,6 @@ from sphere_nav.geometry import SE3, Fisheye, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-# Written out: imported, a change would go unseen.
 MAX_WHITE_BALANCE = 1.15
 
 LENS = Fisheye(240, 240, 70.0, 70.0, 119.5, 119.5)

@@ -6,7 +6,6 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-# Written out: imported, a change would go unseen.
 WINDOW_LEVELS = 5
 
 CAMERA = Pinhole(640, 480, 500.0, 500.0, 320.0, 240.0)

@@ -2,10 +2,6 @@
 
 from types import SimpleNamespace
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_mapping.acquisition.range.rectification import RigCorrection
 from sphere_mapping.acquisition.ros import node as module
 from sphere_mapping.acquisition.ros.node import SphereStitcher
@@ -13,12 +9,6 @@ from sphere_mapping.acquisition.ros.rig_intake import RigInstant
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags.replay import OfflineBus
 from worlds.rig import vertical_rig
-
-
-def test_a_rig_file_that_is_none_is_named(tmp_path):
-    (tmp_path / "rig.yaml").write_text("nothing: 1\n")
-    with pytest.raises(ValueError, match=r"rig\.yaml"):
-        OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
 
 
 def test_a_camera_turned_by_more_than_half_a_degree_is_warned_of(tmp_path, monkeypatch):

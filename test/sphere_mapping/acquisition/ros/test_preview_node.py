@@ -2,8 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.acquisition.ros.node import draw_preview
 from sphere_nav.geometry import Spherical
 from sphere_nav.spheres.sphere import Sphere

@@ -1,9 +1,6 @@
 """Instants of a rig: what waits for a cloud, what is told of every camera, where a LiDAR is."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
 
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake
@@ -17,8 +14,6 @@ MS = 1_000_000
 
 
 class Keeper(ManagedNode):
-    """Keeps the instants."""
-
     NAME = "keeper"
     PARAMS = SphereStitcherParams
 

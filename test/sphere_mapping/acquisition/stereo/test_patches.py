@@ -16,7 +16,6 @@ HALL = sharp_room(shortest=0.2)
 
 
 def render(T, gain=1.0):
-    """Return what a camera at T_view_first sees of the plane."""
     rays = np.concatenate([(pixel_grid(CAMERA) - (CAMERA.cx, CAMERA.cy)) / CAMERA.fx, np.ones((240, 320, 1))], axis=-1)
     R, t = T.inverse().rotation, T.inverse().translation
     depth = (1 - t @ PLANE) / (rays @ R.T @ PLANE)

@@ -1,13 +1,10 @@
 """Where the spheres of a rig are, and which tables are made for which cameras."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.stitching.layouts import Layouts, center_of, sphere_frame, upright
-from sphere_nav.geometry import SE3
+from sphere_mapping.acquisition.stitching.layouts import Layouts, center_of, upright
 from sphere_nav.params import build
 from worlds.rig import WIDTH, vertical_rig
 
@@ -32,13 +29,3 @@ def test_an_upright_frame_keeps_its_axis_and_turns_to_the_front():
     np.testing.assert_allclose(R[:, 2], z)
     assert R[:, 0] @ [1.0, 1.0, 0.0] > 0
     assert np.linalg.det(R) == pytest.approx(1.0)
-
-
-def test_levels_that_nearly_coincide_are_refused(layouts):
-    lowered = SE3.from_parts(np.eye(3), [0.0, 0.0, 0.001 - layouts.baseline_m])
-    rig = layouts.rig
-    cameras = [
-        replace(c, T_rig_camera=lowered @ c.T_rig_camera) if c in rig.at_level("top") else c for c in rig.cameras
-    ]
-    with pytest.raises(ValueError, match="levels at least"):
-        sphere_frame(replace(rig, cameras=tuple(cameras)))

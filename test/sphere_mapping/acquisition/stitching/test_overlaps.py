@@ -7,7 +7,6 @@ import pytest
 from sphere_mapping.acquisition.stitching.overlaps import is_same_detail
 from sphere_mapping.acquisition.stitching.strips import Block
 
-# Written out: imported, a change would go unseen.
 DETAIL_WINDOW, FAINT_DETAIL, FLAT_DETAIL, MIN_CORRELATION = 7, 0.01, 0.04, 0.8
 
 

@@ -28,28 +28,25 @@ def covered(strips):
     return found
 
 
-def test_seams_lie_in_strips_that_do_not_overlap():
+def test_seams_lie_in_strips_that_do_not_overlap_and_whose_shares_make_one():
     found = covered(strips_of(owner_of((100, 500, 900)), 3, 4))
     assert found.max() == 1
     for first in (100, 500, 900):
         assert found[:, (first - 20) % WIDTH : (first - 20) % WIDTH + 1].all()
         assert found[:, (first + 20) % WIDTH].all()
     assert found.mean() < 0.6  # most of the sphere is one camera's
-
-
-def test_a_block_knows_where_another_one_lies_round_the_back_and_repeats_its_border_beyond():
-    rows, columns = Block(10, 1000, 20, 40).places_of(Block(8, 990, 24, 60), WIDTH)
-    assert rows.tolist() == [0, 0, *range(20), 19, 19]
-    assert columns.tolist() == [0] * 10 + [*range(40)] + [39] * 10
-
-
-def test_all_shares_of_a_strip_make_one():
     for strip in strips_of(owner_of((100, 500, 900)), 3, 4):
         for level in range(5):
             total = np.zeros((strip.block.height >> level, strip.block.width >> level))
             for share in strip.shares:
                 total[:, share.columns.start >> level : share.columns.stop >> level] += share.weights[level]
             np.testing.assert_allclose(total, 1.0, atol=1e-5)
+
+
+def test_a_block_knows_where_another_one_lies_round_the_back_and_repeats_its_border_beyond():
+    rows, columns = Block(10, 1000, 20, 40).places_of(Block(8, 990, 24, 60), WIDTH)
+    assert rows.tolist() == [0, 0, *range(20), 19, 19]
+    assert columns.tolist() == [0] * 10 + [*range(40)] + [39] * 10
 
 
 def test_a_block_holds_what_is_wanted_with_a_margin_aligned_and_round_the_back():

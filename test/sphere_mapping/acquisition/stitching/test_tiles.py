@@ -34,9 +34,8 @@ def test_what_a_strip_mixes_of_it_is_needed_and_what_it_takes_from_its_border():
     found = covered(tiles(strips=(strip,)))  # columns 176 to 224 of the sphere: from 16 before the block on
     assert found[:64, :32].min() == 1
     assert found.sum() == 64 * 32
-    before = replace(
-        strip, shares=(Share(1, slice(0, 16), ()),)
-    )  # all of it before the block: its first column goes on
+    # all of it before the block: its first column goes on
+    before = replace(strip, shares=(Share(1, slice(0, 16), ()),))
     assert covered(tiles(strips=(before,))).sum() == 64 * STEP
     assert tiles(strips=(strip,), view=0) == ()
 

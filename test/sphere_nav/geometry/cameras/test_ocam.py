@@ -35,16 +35,11 @@ def test_where_the_polynomial_folds_back_no_pixel_has_a_ray():
 
 
 def test_wrong_coefficients_are_refused():
-    for values, message in [
-        ((), "polynomial"),
-        ((0.0,), "fx, fy"),
-        ((-220.0,), "fx, fy"),
-        ((220.0, np.nan), "polynomial"),
-    ]:
+    for values, message in [((), "polynomial"), ((0.0,), "fx, fy"), ((220.0, np.nan), "polynomial")]:
         with pytest.raises(ValueError, match=message):
             OCam(640, 480, 320.0, 240.0, values)
-        with pytest.raises(ValueError, match="affine"):
-            OCam(640, 480, 320.0, 240.0, H, 1.0, 1.0, 1.0)
+    with pytest.raises(ValueError, match="affine"):
+        OCam(640, 480, 320.0, 240.0, H, 1.0, 1.0, 1.0)
 
 
 def test_without_xi_it_is_a_pinhole_and_without_distortion_a_unified_camera():
@@ -58,7 +53,7 @@ def test_without_xi_it_is_a_pinhole_and_without_distortion_a_unified_camera():
     np.testing.assert_allclose(found[seen], unified.project(points)[0][seen], atol=1e-9)
 
 
-def test_the_radius_grows_with_the_angle_up_to_the_limit():
+def test_the_radius_grows_with_the_angle_up_to_the_limit_and_beyond_no_pixel_has_a_ray():
     for xi in [0.5, 1.0, 2.0]:
         camera = Omni(8000, 8000, 200.0, 200.0, 4000.0, 4000.0, xi)
         limit = np.arccos(camera.min_cosine)
@@ -66,9 +61,6 @@ def test_the_radius_grows_with_the_angle_up_to_the_limit():
         pixels, _ = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
         assert np.all(np.diff(pixels[:, 0]) > 0)
         assert not camera.project([np.sin(limit + 1e-3), 0.0, np.cos(limit + 1e-3)])[1]
-
-
-def test_pixels_beyond_the_rim_of_the_sphere_have_no_ray():
     camera = Omni(640, 480, 200.0, 200.0, 320.0, 240.0, 2.0)
     rim = 200.0 / np.sqrt(3.0)
     rays = camera.unproject([[320.0 + rim - 0.01, 240.0], [320.0 + rim + 0.01, 240.0]])

@@ -25,12 +25,9 @@ def test_a_pixel_is_what_the_camera_of_its_row_sees(camera, rng):
     assert visible.all()
 
 
-def test_the_rows_of_a_frame_are_half_a_readout_before_and_after_the_middle():
+def test_rows_are_half_a_readout_before_and_after_the_middle_by_a_share_of_the_motion_since_the_frame_before():
     share = row_share([-0.5, 119.5, 239.5], 240)
     assert share == pytest.approx([-0.5, 0.0, 0.5])
-
-
-def test_the_motion_within_a_frame_is_a_share_of_that_since_the_one_before():
     before = SE3.exp([1.0, 2.0, 0.5, 0.3, -0.2, 0.1])
     moved = np.array([0.1, 0.0, 0.02, 0.01, 0.02, -0.03])
     assert FrameMotion(before, 0.68).twist(before @ SE3.exp(moved)) == pytest.approx(0.68 * moved)
@@ -51,9 +48,8 @@ def test_a_lens_is_the_camera_and_has_the_derivatives_that_it_says(camera, rng):
     J = J_lens(camera, points)
     for k, size in enumerate([1e-2] * 4 + [1e-4] * 8):
         step = size * np.eye(12)[k]
-        after, before = (
-            camera_of(camera.model, (640, 480), one, 5).project(points)[0] for one in (lens + step, lens - step)
-        )
+        sides = [camera_of(camera.model, (640, 480), one, 5) for one in (lens + step, lens - step)]
+        after, before = (one.project(points)[0] for one in sides)
         np.testing.assert_allclose(J[:, :, k], (after - before) / (2 * size), atol=2e-3)  # of up to 1000
     start = camera_of(camera.model, (640, 480), first_lens(camera.model, 300.0, (321.0, 238.0)), 0)
     radius = {"pinhole": np.tan(0.8), "omni": 2.0 * np.tan(0.4)}.get(camera.model, 0.8)

@@ -8,7 +8,7 @@ import pytest
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
 from sphere_nav.geometry.files.basalt_file import read_basalt
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
 SIZE = (640, 480)
 RADTAN8 = (0.1, 0.02, 1e-3, -2e-4, 0.003, 0.2, 0.03, 0.001)
@@ -76,25 +76,19 @@ def lens(index, field, value):
     return lambda inner: inner["intrinsics"][index].__setitem__(field, value)
 
 
-DEFECTS = {
-    "eucm": (lens(1, "camera_type", "eucm"), "intrinsics[1].camera_type: expected ds, ucm, kb4"),
-    "fewer poses": (lambda inner: inner["T_imu_cam"].pop(), "found 4 of T_imu_cam, 5 of intrinsics, 5 of resolution"),
-    "long quaternion": (lambda inner: inner["T_imu_cam"][0].update(qw=9.0), "expected a unit quaternion, found one of"),
-    "no size": (lambda inner: inner.pop("resolution"), "value0.resolution: expected a value, found none"),
-    "alpha": (
-        lens(0, "intrinsics", {**dict.fromkeys(("fx", "fy", "cx", "cy"), 300.0), "xi": 0.0, "alpha": 2.0}),
-        "alpha",
-    ),
-}
+ALPHA = {**dict.fromkeys(("fx", "fy", "cx", "cy"), 300.0), "xi": 0.0, "alpha": 2.0}
+DEFECTS = [
+    (lens(1, "camera_type", "eucm"), "intrinsics[1].camera_type: expected ds, ucm, kb4"),
+    (lambda inner: inner["T_imu_cam"].pop(), "found 4 of T_imu_cam, 5 of intrinsics, 5 of resolution"),
+    (lambda inner: inner["T_imu_cam"][0].update(qw=9.0), "expected a unit quaternion, found one of"),
+    (lambda inner: inner.pop("resolution"), "value0.resolution: expected a value, found none"),
+    (lens(0, "intrinsics", ALPHA), "alpha"),
+]
 
 
 def test_a_defect_is_one_line_with_its_place(path):
-    for name in DEFECTS:
-        change, expected = DEFECTS[name]
+    for change, expected in DEFECTS:
         values = calibration()
         change(values["value0"])
         path.write_text(json.dumps(values))
-        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-            read_basalt(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_basalt, path)

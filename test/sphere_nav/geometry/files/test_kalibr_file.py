@@ -7,6 +7,7 @@ import yaml
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.kalibr_file import join_chains, read_kalibr
+from worlds.foreign import refusal
 
 CAMERAS = (
     Pinhole(752, 480, 458.654, 457.296, 367.215, 248.375, (-0.283, 0.0739, 1.9e-4, 1.7e-05)),
@@ -53,10 +54,7 @@ def test_what_kalibr_writes_is_read(path):
         for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
             expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
             np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
-
-
-def test_a_pose_of_the_camera_in_the_imu_is_read_too(path):
-    values = camchain(with_chain=False)
+    values = camchain(with_chain=False)  # and poses of the cameras in the IMU
     for entry in values.values():
         entry["T_imu_cam"] = np.linalg.inv(entry.pop("T_cam_imu")).tolist()
     path.write_text(yaml.safe_dump(values))
@@ -97,36 +95,32 @@ def put(name, field, value):
     return lambda values: values[name].__setitem__(field, value)
 
 
+def drop_poses(values):
+    del values["cam3"]["T_cn_cnm1"]
+    for one in values.values():
+        del one["T_cam_imu"]
+
+
 TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1]).matrix.tolist()
-DEFECTS = {
-    "eucm": (put("cam1", "camera_model", "eucm"), "cam1.camera_model: expected pinhole with radtan"),
-    "short distortion": (
-        put("cam0", "distortion_coeffs", [0.1]),
-        "cam0.distortion_coeffs: expected 4 numbers, found 1",
-    ),
-    "odd size": (put("cam0", "resolution", 752), "cam0.resolution: expected [width, height], found 752"),
-    "disagreement": (put("cam2", "T_cam_imu", TURNED), "cam2.T_cam_imu: expected what T_cn_cnm1 and the camera"),
-    "no cam1": (lambda v: v.pop("cam1"), "camchain: expected cam0 to cam2, found cam0, cam2, cam3"),
-    "unknown distortion": (put("cam0", "distortion_model", "fov"), "cam0.distortion_model: expected pinhole with"),
-    "ds with distortion": (put("cam2", "distortion_model", "radtan"), "cam2.distortion_model: expected pinhole with"),
-    "no pose": (
-        lambda v: (v["cam3"].pop("T_cn_cnm1"), [one.pop("T_cam_imu") for one in v.values()]),
-        "cam3.T_cn_cnm1: expected a pose, found none, nor T_cam_imu of all cameras",
-    ),
-    "entry": (lambda v: v.__setitem__("cam3", 7), "cam3: expected the fields camera_model, intrinsics"),
-}
+DEFECTS = [
+    (put("cam1", "camera_model", "eucm"), "cam1.camera_model: expected pinhole with radtan"),
+    (put("cam0", "distortion_coeffs", [0.1]), "cam0.distortion_coeffs: expected 4 numbers, found 1"),
+    (put("cam0", "resolution", 752), "cam0.resolution: expected [width, height], found 752"),
+    (put("cam2", "T_cam_imu", TURNED), "cam2.T_cam_imu: expected what T_cn_cnm1 and the camera"),
+    (lambda v: v.pop("cam1"), "camchain: expected cam0 to cam2, found cam0, cam2, cam3"),
+    (put("cam0", "distortion_model", "fov"), "cam0.distortion_model: expected pinhole with"),
+    (put("cam2", "distortion_model", "radtan"), "cam2.distortion_model: expected pinhole with"),
+    (drop_poses, "cam3.T_cn_cnm1: expected a pose, found none, nor T_cam_imu of all cameras"),
+    (lambda v: v.update(cam3=7), "cam3: expected the fields camera_model, intrinsics"),
+]
 
 
 def test_a_defect_is_one_line_with_its_place(path):
-    for name in DEFECTS:
-        change, expected = DEFECTS[name]
+    for change, expected in DEFECTS:
         values = camchain()
         change(values)
         path.write_text(yaml.safe_dump(values))
-        with pytest.raises(ValueError, match=r"camchain\.yaml: ") as caught:
-            read_kalibr(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_kalibr, path)
 
 
 ANY_LENS = Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5)
@@ -142,15 +136,12 @@ def chain(topics, *, is_by_imu=False):
     return ForeignRig(tuple(f"cam{k}" for k in range(number)), (ANY_LENS,) * number, own, is_by_imu, tuple(topics))
 
 
-def test_chains_that_share_a_camera_are_joined_by_it():
+def test_chains_that_share_a_camera_are_joined_by_it_and_others_refused():
     found = join_chains([chain("ab"), chain("bc"), chain("cd")], ["1.yaml", "2.yaml", "3.yaml"])
     assert found.names == ("cam0", "cam1", "cam2", "cam3")
     assert found.topics == tuple("abcd")
     for mine, theirs in zip(found.T_origin_camera, RIG_POSES, strict=True):
         np.testing.assert_allclose(mine.matrix, (RIG_POSES[0].inverse() @ theirs).matrix, atol=1e-12)
-
-
-def test_chains_that_share_nothing_are_refused():
     with pytest.raises(ValueError, match=r"2\.yaml"):
         join_chains([chain("ab"), chain("cd")], ["1.yaml", "2.yaml"])
 

@@ -6,10 +6,9 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import read_opencv
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
-# Written out: imported, a change would go unseen.
-MAX_SKEW = 1e-6
+MAX_SKEW = 1e-6  # written out: imported, a change would go unseen
 
 K = np.array([[535.9, 0.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
 K2 = K + np.diag([7.0, 6.0, 0.0])
@@ -76,42 +75,31 @@ def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
         for sign in (1.0, -1.0):
             matrix = K.copy()
             matrix[row, column] = sign * limit
-            assert (
-                read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))]).cameras[0].camera.fx
-                == K[0, 0]
-            )
+            path = store(tmp_path / "a.yml", **GOOD | {"camera_matrix": matrix})
+            assert read_foreign([path]).cameras[0].camera.fx == K[0, 0]
             matrix[row, column] = sign * (limit + 1e-7)
+            path = store(tmp_path / "a.yml", **GOOD | {"camera_matrix": matrix})
             with pytest.raises(ValueError, match=r"cameramatrix: expected \[fx 0 cx"):
-                read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))])
+                read_foreign([path])
 
 
 SIZED = {"image_width": 640, "image_height": 480}
 GOOD, PAIR = SIZED | {"camera_matrix": K, "distortion_coefficients": D}, SIZED | {"M1": K, "M2": K}
-DEFECTS = {
-    "no size": ({"camera_matrix": K}, "image_width, image_height: expected in the file, or --size, found neither"),
-    "prism": (
-        GOOD | {"distortion_coefficients": np.ones((12, 1))},
-        "found 'thin prism or tilted sensor', which is not",
-    ),
-    "fisheye": (GOOD | {"fisheye_model": 1}, "distortion: expected 4 numbers, found 5"),
-    "model": (GOOD | {"distortion_model": "fov"}, "distortion_model: expected pinhole, plumb_bob"),
-    "seven numbers": (
-        GOOD | {"distortion_coefficients": np.zeros((7, 1))},
-        "expected 4, 5, 8, 12 or 14 numbers, found 7",
-    ),
-    "no second matrix": (SIZED | {"M1": K, "R": np.eye(3), "T": np.ones((3, 1))}, "M2: expected a camera matrix"),
-    "no extrinsics": (PAIR, "expected R and T of the second camera"),
-    "two numbers of T": (PAIR | {"R": np.eye(3), "T": np.ones((2, 1))}, "T: expected 3 numbers"),
-    "two rows of R": (PAIR | {"R": np.eye(2), "T": np.ones((3, 1))}, "R: expected 3 x 3 numbers"),
-    "flat": (PAIR | {"R": np.ones((3, 3)), "T": np.ones((3, 1))}, "R: rigid motion: expected a rotation"),
-}
+DEFECTS = [
+    ({"camera_matrix": K}, "image_width, image_height: expected in the file, or --size, found neither"),
+    (GOOD | {"distortion_coefficients": np.ones((12, 1))}, "found 'thin prism or tilted sensor', which is not"),
+    (GOOD | {"fisheye_model": 1}, "distortion: expected 4 numbers, found 5"),
+    (GOOD | {"distortion_model": "fov"}, "distortion_model: expected pinhole, plumb_bob"),
+    (GOOD | {"distortion_coefficients": np.zeros((7, 1))}, "expected 4, 5, 8, 12 or 14 numbers, found 7"),
+    (SIZED | {"M1": K, "R": np.eye(3), "T": np.ones((3, 1))}, "M2: expected a camera matrix"),
+    (PAIR, "expected R and T of the second camera"),
+    (PAIR | {"R": np.eye(3), "T": np.ones((2, 1))}, "T: expected 3 numbers"),
+    (PAIR | {"R": np.eye(2), "T": np.ones((3, 1))}, "R: expected 3 x 3 numbers"),
+    (PAIR | {"R": np.ones((3, 3)), "T": np.ones((3, 1))}, "R: rigid motion: expected a rotation"),
+]
 
 
 def test_a_defect_is_one_line_with_its_place(tmp_path):
-    for name in DEFECTS:
-        values, expected = DEFECTS[name]
+    for values, expected in DEFECTS:
         path = store(tmp_path / "a.yml", **values)
-        with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
-            read_opencv([path], None, None, 1.0)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(lambda path: read_opencv([path], None, None, 1.0), path)

@@ -12,7 +12,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
 from sphere_nav_tools.offline.importing.recording import read_image
-from worlds.foreign import read_foreign
+from worlds.foreign import read_foreign, refusal
 
 
 @pytest.fixture
@@ -47,91 +47,69 @@ def path(rig, tmp_path):
     return tmp_path / "rig.yaml"
 
 
-def test_what_is_written_is_read_back(rig, path):
+def test_what_is_written_is_read_back_and_a_mask_moves_with_the_folder(rig, path):
     found = read_rig(path)
     assert (found.name, found.version, found.names) == (rig.name, rig.version, rig.names)
     for mine, theirs in zip(rig.cameras, found.cameras, strict=True):
         assert mine.camera == theirs.camera
         np.testing.assert_allclose(mine.T_rig_camera.matrix, theirs.T_rig_camera.matrix, atol=1e-14)
         assert (mine.mask, mine.exposure_group, mine.level) == (theirs.mask, theirs.exposure_group, theirs.level)
-
-
-def test_a_mask_moves_with_the_folder(path):
     assert "masks/b.png" in path.read_text()
     assert str(path.parent) not in path.read_text()
 
 
-def test_a_file_is_not_overwritten_unless_told(rig, path):
+def test_a_file_is_not_overwritten_unless_told_and_a_panorama_is_no_camera_of_it(rig, path, tmp_path):
     with pytest.raises(ValueError, match=r"rig\.yaml: expected no such file, found one"):
         write_rig(path, rig)
     write_rig(path, rig, is_overwriting=True)
     assert [file.name for file in path.parent.iterdir() if file.is_file()] == ["rig.yaml"]
-
-
-def test_a_panorama_is_no_camera_of_a_rig_file(tmp_path):
     with pytest.raises(ValueError, match=r"a: expected a camera of pinhole, .*, found spherical"):
-        write_rig(tmp_path / "rig.yaml", Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),)))
+        write_rig(tmp_path / "other.yaml", Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),)))
+
+
+def inner(values, keys):
+    for key in keys:
+        values = values[key]
+    return values
 
 
 def drop(*keys):
-    def change(values):
-        inner = values
-        for key in keys[:-1]:
-            inner = inner[key]
-        del inner[keys[-1]]
-
-    return change
+    return lambda values: inner(values, keys[:-1]).pop(keys[-1])
 
 
 def put(*keys_and_value):
-    *keys, value = keys_and_value
-
-    def change(values):
-        inner = values
-        for key in keys[:-1]:
-            inner = inner[key]
-        inner[keys[-1]] = value
-
-    return change
+    *keys, last, value = keys_and_value
+    return lambda values: inner(values, keys).update({last: value})
 
 
 A = ("cameras", "a")
-DEFECTS = {
-    "missing camera": (drop("cameras", "b"), "cameras: expected 6 (num_cameras), found 5 (a, c, d, e, f)"),
-    "missing field": (drop(*A, "model"), "cameras.a.model: expected a value, found none"),
-    "unknown model": (
-        put(*A, "model", "mei"),
-        "cameras.a.model: expected pinhole, fisheye, double_sphere, omni, ocam, found 'mei'",
-    ),
-    "other size": (
-        put(*A, "width", 300),
-        "cameras.a.intrinsics: expected the centre inside the 300 x 480 image, found",
-    ),
-    "short matrix": (put(*A, "T_rig_camera", [[1, 2], [3]]), "cameras.a.T_rig_camera: expected 4 rows of 4 numbers"),
-    "a list for a model": (put(*A, "model", ["pinhole"]), "cameras.a.model: expected pinhole"),
-    "ocam without polynomial": (put("cameras", "f", "polynomial", []), "cameras.f: ocam: polynomial: expected 1 to 20"),
-    "another format": (put("format_version", 9), "format, format_version: expected"),
-    "no cameras": (put("cameras", {}), "cameras: expected camera names with their fields, found {}"),
-    "a lost mask": (put(*A, "mask", "gone.png"), "cameras.a.mask: expected an image file, found no gone.png"),
-    "ocam distorted": (put("cameras", "f", "distortion", [0.1]), "cameras.f.distortion: expected none for ocam"),
-    "pinhole polynomial": (put(*A, "polynomial", [0.1]), "cameras.a.polynomial: expected none for pinhole"),
-    "short fisheye": (put("cameras", "c", "distortion", [0.1]), "cameras.c: distortion: expected 4 finite numbers"),
-    "distorted sphere": (put("cameras", "d", "distortion", [0.1]), "distortion: expected none for double_sphere"),
-    "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
-}
+MODELS = "pinhole, fisheye, double_sphere, omni, ocam"
+DEFECTS = [
+    (drop("cameras", "b"), "cameras: expected 6 (num_cameras), found 5 (a, c, d, e, f)"),
+    (drop(*A, "model"), "cameras.a.model: expected a value, found none"),
+    (put(*A, "model", "mei"), f"cameras.a.model: expected {MODELS}, found 'mei'"),
+    (put(*A, "width", 300), "cameras.a.intrinsics: expected the centre inside the 300 x 480 image, found"),
+    (put(*A, "T_rig_camera", [[1, 2], [3]]), "cameras.a.T_rig_camera: expected 4 rows of 4 numbers"),
+    (put(*A, "model", ["pinhole"]), "cameras.a.model: expected pinhole"),
+    (put("cameras", "f", "polynomial", []), "cameras.f: ocam: polynomial: expected 1 to 20"),
+    (put("format_version", 9), "format, format_version: expected"),
+    (put("cameras", {}), "cameras: expected camera names with their fields, found {}"),
+    (put(*A, "mask", "gone.png"), "cameras.a.mask: expected an image file, found no gone.png"),
+    (put("cameras", "f", "distortion", [0.1]), "cameras.f.distortion: expected none for ocam"),
+    (put(*A, "polynomial", [0.1]), "cameras.a.polynomial: expected none for pinhole"),
+    (put("cameras", "c", "distortion", [0.1]), "cameras.c: distortion: expected 4 finite numbers"),
+    (put("cameras", "d", "distortion", [0.1]), "distortion: expected none for double_sphere"),
+    (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
+]
 
 
 def test_a_defect_is_one_line_with_its_place(path):
     good = path.read_text()
-    for name in DEFECTS:
-        change, expected = DEFECTS[name]
+    for change, expected in DEFECTS:
         values = yaml.safe_load(good)
         change(values)
         path.write_text(yaml.safe_dump(values, sort_keys=False))
-        with pytest.raises(ValueError, match=r"rig\.yaml") as caught:
-            read_rig(path)
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
+        assert expected in refusal(read_rig, path)
 
 
 CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
@@ -141,20 +119,16 @@ def test_a_file_that_is_none_is_one_line(tmp_path):
     for text, expected in [
         ("", "expected a Kalibr camchain"),
         ("- 1", "expected a Kalibr camchain"),
-        ("a: 2026-99-99", "expected YAML"),
         ("[" * 5000, "expected YAML"),
         ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
     ]:
-        path = tmp_path / "x.yaml"
-        path.write_text(text)
-        with pytest.raises(ValueError, match=r"x\.yaml: ") as caught:
-            read_foreign([path])
-        assert expected in str(caught.value)
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < 600
+        (tmp_path / "x.yaml").write_text(text)
+        line = refusal(lambda path: read_foreign([path]), tmp_path / "x.yaml")
+        assert expected in line
+        assert len(line) < 600
 
 
-def test_a_format_may_be_told(tmp_path):
+def test_a_format_may_be_told_and_only_several_camchains_are_joined(tmp_path):
     path = tmp_path / "x.json"
     path.write_text(json.dumps({"cam0": CAM0}))
     assert read_foreign([path]).names == read_foreign([path], file_format="kalibr").names == ("cam0",)
@@ -164,12 +138,7 @@ def test_a_format_may_be_told(tmp_path):
         read_foreign([path], file_format="opencv")
     with pytest.raises(ValueError, match="expected one kalibr file, found 2"):
         read_foreign([path, path])
-
-
-def test_only_several_camchains_are_joined(tmp_path):
     for file_format, number in [("kalibr", 1), ("opencv", 2), ("basalt", 2)]:
-        path = tmp_path / "x.json"
-        path.write_text(json.dumps({"cam0": CAM0}))
         with pytest.raises(ValueError, match=f"expected several camchains of Kalibr, found {number} {file_format}"):
             read_foreign([path] * number, file_format=file_format, is_joining=True)
 
@@ -179,16 +148,12 @@ def test_an_omnidirectional_camera_needs_a_positive_xi():
         ForeignLens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").omni(-0.5)
 
 
-pytest.importorskip("rclpy")
-
-
-@pytest.mark.parametrize(("kind", "read"), [("image file", read_image)])
-def test_a_file_beyond_its_limit_is_not_read(tmp_path, kind, read):
-    path = tmp_path / "sparse.png"
+def test_a_file_beyond_its_limit_is_not_read(tmp_path):
+    path, limit = tmp_path / "sparse.png", LIMITS["image file"]
     with path.open("wb") as file:
-        file.truncate(LIMITS[kind] + 1)  # takes no room on the disk
-    with pytest.raises(ValueError, match=f"of at most {LIMITS[kind]} bytes, found {LIMITS[kind] + 1}"):
-        read(path)
+        file.truncate(limit + 1)  # takes no room on the disk
+    with pytest.raises(ValueError, match=f"of at most {limit} bytes, found {limit + 1}"):
+        read_image(path)
 
 
 def test_a_sphere_of_8192_columns_is_the_largest():

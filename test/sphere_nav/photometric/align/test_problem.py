@@ -5,21 +5,21 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_nav.photometric import (
-    PyramidParams,
-    RegistrationParams,
-    View,
-    build_pyramid,
-    prepare_reference,
-    register_rotation,
-)
+from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
-from sphere_nav.photometric.align.rotation import correlation_after_turn
+from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 RESIDUAL_SQUARED = 44  # the last product of the columns
-T_BODY_OPTICAL = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
-A, B = SE3.from_planar(0.5, -0.4, 0.3), SE3.from_planar(0.9, -0.3, 0.5)
+T_WORLD_REFERENCE = SE3.from_planar(0.5, -0.4, 0.3) @ T_BODY_OPTICAL
+
+
+def with_itself(image, range_m, params):
+    """Return the comparison of an image with itself."""
+    view = View(prepare_reference(image, range_m, CAMERA, params), T_WORLD_REFERENCE)
+    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
+    return Problem.choose_pixels(level, [view], T_WORLD_REFERENCE, params)
 
 
 def cost(problem, T_world_camera):
@@ -30,13 +30,10 @@ def cost(problem, T_world_camera):
 
 def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_tangent(room):
     params = RegistrationParams(huber=1000.0)  # no pixel weighs less: the cost is a plain sum of squares
-    smooth, range_m = room.render(CAMERA, A @ T_BODY_OPTICAL)
-    smooth = cv2.GaussianBlur(smooth, (0, 0), 3.0)  # so that central differences are the derivative
-    T_world_reference = A @ T_BODY_OPTICAL
-    view = View(prepare_reference(smooth, range_m, CAMERA, params), T_world_reference)
-    level = build_pyramid(smooth, CAMERA, params.pyramid).levels[0]
-    problem = Problem.choose_pixels(level, [view], T_world_reference, params)
-    T_start = T_world_reference @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
+    image, range_m = room.render(CAMERA, T_WORLD_REFERENCE)
+    smooth = cv2.GaussianBlur(image, (0, 0), 3.0)  # so that central differences are the derivative
+    problem = with_itself(smooth, range_m, params)
+    T_start = T_WORLD_REFERENCE @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
     H, g, _ = problem.linearize(AlignmentState.start(T_start, 1))
     (compared,) = problem.compare(AlignmentState.start(T_start, 1))
     H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
@@ -50,33 +47,26 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
 
 def test_an_image_compared_with_itself_has_no_residual(room):
     params = RegistrationParams()
-    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
-    view = View(prepare_reference(image, range_m, CAMERA, params), T_BODY_OPTICAL)
-    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
-    problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
-    (found,) = problem.compare(AlignmentState.start(T_BODY_OPTICAL, 1))
+    problem = with_itself(*room.render(CAMERA, T_WORLD_REFERENCE), params)
+    (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
     # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
     assert abs(found.median) < 0.25
     assert found.sigma == params.min_sigma
     assert found.num_inliers == found.num_visible
-    (brighter,) = problem.compare(AlignmentState(T_BODY_OPTICAL, np.array([[1.0, 40.0]])))
+    (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
     assert abs(brighter.median - 40.0) < 0.25
 
 
 PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=3, min_side=24))
-T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
 
 
-def test_a_turn_of_five_degrees_is_found(room):
+def test_a_turn_of_five_degrees_is_found_and_none_in_even_images(room):
     turn = SE3.exp([0, 0, 0, 0.01, np.deg2rad(5), -0.01])
-    before = build_pyramid(room.render(CAMERA, T_ROOM_CAMERA)[0], CAMERA, PARAMS.pyramid)
-    now = build_pyramid(room.render(CAMERA, T_ROOM_CAMERA @ turn)[0], CAMERA, PARAMS.pyramid)
+    before = build_pyramid(room.render(CAMERA, T_BODY_OPTICAL)[0], CAMERA, PARAMS.pyramid)
+    now = build_pyramid(room.render(CAMERA, T_BODY_OPTICAL @ turn)[0], CAMERA, PARAMS.pyramid)
     found = register_rotation(now, before, PARAMS)
     assert found.distance(turn)[1] < np.deg2rad(0.3)
     assert np.array_equal(found.translation, np.zeros(3))
-
-
-def test_even_images_give_no_rotation():
     even = build_pyramid(np.full((120, 160), 90, np.uint8), CAMERA, PARAMS.pyramid)
     assert np.array_equal(register_rotation(even, even, PARAMS).matrix, np.eye(4))
 
@@ -86,7 +76,7 @@ def test_images_correlate_after_the_turn_between_them(room):
         turn = SE3.exp([0, 0, 0, 0.01, np.deg2rad(8), -0.01])
         before, now = (
             build_pyramid(room.render(camera, pose)[0], camera, PARAMS.pyramid).levels[-1]
-            for pose in (T_ROOM_CAMERA, T_ROOM_CAMERA @ turn)
+            for pose in (T_BODY_OPTICAL, T_BODY_OPTICAL @ turn)
         )
         right = correlation_after_turn(now, before, turn.rotation)
         assert right > 0.97
@@ -95,7 +85,7 @@ def test_images_correlate_after_the_turn_between_them(room):
 
 
 def test_images_that_share_little_or_show_nothing_do_not_correlate(room):
-    image = room.render(CAMERA, T_ROOM_CAMERA)[0]
+    image = room.render(CAMERA, T_BODY_OPTICAL)[0]
     level = build_pyramid(image, CAMERA, PARAMS.pyramid).levels[-1]
     even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid).levels[-1]
     assert correlation_after_turn(level, level, SE3.exp([0, 0, 0, 0, np.deg2rad(90), 0]).rotation) is None

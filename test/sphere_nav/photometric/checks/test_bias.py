@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
@@ -19,17 +18,16 @@ def sample_of(rng, number=400):
     return Sample(**{**vars(sample), "residual": -sample.by_pose @ STEP - light})
 
 
-@pytest.mark.parametrize("outliers", [40])
-def test_the_step_of_the_pose_is_told_from_light(outliers):
+def test_the_step_of_the_pose_is_told_from_light_and_outliers():
     rng = np.random.default_rng(1)
     samples = [sample_of(rng), sample_of(rng)]
-    samples[0].residual[:outliers] += 100.0
+    samples[0].residual[:40] += 100.0
     x, left, weight = solve_robustly(*linearize_samples([(None, samples)], ORDERS), PARAMS)
     assert x.shape == (6 + 2 * (2 + len(ORDERS)),)
-    np.testing.assert_allclose(x[:6], STEP, atol=1e-6 if not outliers else 2e-3)
-    np.testing.assert_allclose(x[6:11], [0.1, -3.0, 0.0, 0.05, 0.0], atol=1e-5 if not outliers else 0.6)
-    assert np.median(np.abs(left)) < (1e-4 if not outliers else 0.1)
-    assert not outliers or np.max(weight[:outliers]) < 0.1 * np.median(weight)
+    np.testing.assert_allclose(x[:6], STEP, atol=2e-3)
+    np.testing.assert_allclose(x[6:11], [0.1, -3.0, 0.0, 0.05, 0.0], atol=0.6)
+    assert np.median(np.abs(left)) < 0.1
+    assert np.max(weight[:40]) < 0.1 * np.median(weight)
 
 
 def test_a_camera_on_a_body_asks_for_the_step_of_the_body():

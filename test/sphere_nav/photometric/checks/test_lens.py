@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
-from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric import RegistrationParams, build_pyramid, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.lens import find_stretches, solve_stretches
 from sphere_nav.photometric.pixels.samples import Sample
+from worlds.room import BESIDE, views_of
 
 PARAMS = RegistrationParams(max_pixels=10_000)
-SPHERE = Spherical(512, 256)
 LENSES = [Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5), Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, 0, 0, 0))]
-SOMEWHERE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
 STEP = np.array([0.01, -0.02, 0.03, 0.001, 0.002, -0.001])
 
 
@@ -47,12 +46,9 @@ def test_the_stretch_of_a_flow_is_found_with_its_deviation(share):
     assert np.mean([one.sigma for one in found]) < 0.001
 
 
-def test_a_lamp_that_shines_unevenly_is_no_stretch():
+def test_a_lamp_that_shines_unevenly_is_no_stretch_and_another_distortion_one_between_centre_and_corner():
     found = solved(flow(1, light=200.0))
     assert abs(found.share) < 0.001
-
-
-def test_another_distortion_is_a_stretch_between_that_of_the_centre_and_that_of_the_corner():
     found = solved(flow(1, bend=0.02))
     assert 0.01 < found.share < 0.04
 
@@ -83,14 +79,13 @@ def test_few_cells_tell_nothing():
 
 @pytest.fixture(scope="module")
 def views(room):
-    places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
-    return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+    return views_of(room, PARAMS)
 
 
 def told(image, views, camera, motion=None, *, is_clear=True):
     """What an image tells, aligned as if it were of a camera."""
     pyramid = build_pyramid(image, camera, PARAMS.pyramid)
-    alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
+    alignment = register(pyramid, views, BESIDE, PARAMS, motion)
     assert alignment.is_converged
     return find_stretches([RigImage(pyramid, views=tuple(views))], alignment, PARAMS, motion, is_clear=is_clear)
 
@@ -100,7 +95,7 @@ def told(image, views, camera, motion=None, *, is_clear=True):
 @pytest.mark.parametrize("share", [0.0, -0.03])
 def test_the_stretch_of_a_focal_length_is_found_in_images(room, views, camera, share):
     lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
-    found = [told(room.photograph(lens, SOMEWHERE, seed), views, camera)[0] for seed in range(4)]
+    found = [told(room.photograph(lens, BESIDE, seed), views, camera)[0] for seed in range(4)]
     assert np.mean([one.share for one in found]) == pytest.approx(share, abs=0.005)
     assert np.abs([one.share - share for one in found]).max() < 0.01
 
@@ -109,24 +104,21 @@ def test_the_stretch_of_a_focal_length_is_found_in_images(room, views, camera, s
 def test_a_lens_that_is_far_off_is_found_though_something_else_pulls_the_image(room, views, share):
     camera = LENSES[0]
     lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
-    (found,) = told(room.photograph(lens, SOMEWHERE, 0), views, camera, is_clear=False)
+    (found,) = told(room.photograph(lens, BESIDE, 0), views, camera, is_clear=False)
     assert found.share == pytest.approx(share, abs=0.01)
 
 
-def test_what_pulls_an_image_of_a_right_lens_is_not_told(room, views):
-    image = room.photograph(LENSES[0], SOMEWHERE, 1)
+def test_what_pulls_an_image_of_a_right_lens_is_not_told_and_whole_spheres_have_no_lens(room, views):
+    image = room.photograph(LENSES[0], BESIDE, 1)
     image[60:180, 100:220] = 90
     assert told(image, views, LENSES[0], is_clear=False) == []
+    sphere = Spherical(256, 128)
+    assert told(room.photograph(sphere, BESIDE, 1), views, sphere) == []
 
 
 @pytest.mark.slow
 def test_a_rolling_shutter_is_no_stretch(room, views):
     camera, twist = LENSES[0], np.array([0.02, 0.0, 0.03, 0.0, 0.02, 0.0])
-    image = np.rint(room.render_rolling(camera, SOMEWHERE, twist)).astype(np.uint8)
-    (found,) = told(image, views, camera, FrameMotion(SOMEWHERE @ SE3.exp(-twist), 1.0))
+    image = np.rint(room.render_rolling(camera, BESIDE, twist)).astype(np.uint8)
+    (found,) = told(image, views, camera, FrameMotion(BESIDE @ SE3.exp(-twist), 1.0))
     assert abs(found.share) < max(0.005, 4.0 * found.sigma)
-
-
-def test_whole_spheres_have_no_lens(room, views):
-    sphere = Spherical(256, 128)
-    assert told(room.photograph(sphere, SOMEWHERE, 1), views, sphere) == []

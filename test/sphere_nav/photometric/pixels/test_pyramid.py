@@ -13,7 +13,7 @@ def test_levels_halve_image_and_camera_together(rng):
     image = rng.integers(0, 255, (64, 101)).astype(np.uint8)
     pyramid = build_pyramid(image, camera, PyramidParams(num_levels=3, min_side=8))
     assert [image.shape for image in pyramid.images] == [(64, 101), (32, 50), (16, 25)]
-    assert pyramid.images[0].base is image or pyramid.images[0] is image or np.shares_memory(pyramid.images[0], image)
+    assert np.shares_memory(pyramid.images[0], image)
     assert pyramid.cameras[1].cx == pytest.approx((50.0 + 0.5) / 2 - 0.5)
 
 
@@ -44,9 +44,8 @@ def test_an_image_much_sharper_than_the_map_is_compared_as_the_map_can_show_it(s
 def test_a_hidden_cell_is_unknown_at_every_level_and_no_other(rng):
     camera, cells = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5), np.zeros((3, 4), bool)
     cells[1, 2] = True
-    pyramid = build_pyramid(
-        rng.integers(0, 255, (48, 64)).astype(np.uint8), camera, PyramidParams(num_levels=3, min_side=8)
-    )
+    image = rng.integers(0, 255, (48, 64)).astype(np.uint8)
+    pyramid = build_pyramid(image, camera, PyramidParams(num_levels=3, min_side=8))
     for before, after in zip(pyramid.images, hide(pyramid, cells).images, strict=True):
         side = before.shape[0] // 3
         expected = before.astype(np.float32)

@@ -8,23 +8,18 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
 from sphere_nav.photometric.pixels.reference import prepare_level
 from sphere_nav.photometric.pixels.squares import curve
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
 PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
-T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
 
 
-def test_points_lie_where_the_room_is(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+def test_points_lie_where_the_room_is_with_the_gradient_of_the_image_by_the_point(room):
+    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
-    points = T_ROOM_CAMERA.apply(level.points.T)
+    points = T_BODY_OPTICAL.apply(level.points.T)
     assert level.num_pixels == 58 * 78
     assert np.abs(room.gray(points) - level.intensity).max() < 0.5  # ranges are kept within 0.017 %
-
-
-def test_the_gradient_is_that_of_the_image_by_the_point(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
-    level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
     gy, gx = np.gradient(image.astype(np.float64))
     pixels = np.round(CAMERA.project(level.points.T)[0]).astype(int)
     g = np.stack([gx[pixels[:, 1], pixels[:, 0]], gy[pixels[:, 1], pixels[:, 0]]], axis=-1)
@@ -51,8 +46,8 @@ def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
     assert np.allclose(np.roll(norm, 64, axis=1), norm_turned, rtol=1e-3, atol=1e-2)
 
 
-def test_unknown_range_is_left_out_and_far_is_far(room):
-    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+def test_unknown_range_is_left_out_far_is_far_and_what_is_not_positive_refused(room):
+    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     range_m[:30] = np.nan
     range_m[30:40] = np.inf
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
@@ -60,6 +55,13 @@ def test_unknown_range_is_left_out_and_far_is_far(room):
     assert level.num_pixels == 27 * 78  # two rows of the far are behind the edge of the room
     assert np.sum(np.isclose(distance, PARAMS.far, rtol=1e-4)) == 8 * 78
     assert np.isfinite(level.gradient).all()
+    for bad in [0.0, -1.0]:
+        image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
+        range_m[3, 4] = bad
+        with pytest.raises(ValueError, match="range: expected positive"):
+            prepare_reference(image, range_m, CAMERA, PARAMS)
+    with pytest.raises(ValueError, match=r"range: expected 80 x 60, found shape \(59, 80\)"):
+        prepare_reference(image, range_m[1:], CAMERA, PARAMS)
 
 
 def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
@@ -81,16 +83,6 @@ def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
         for axis in (0, 1):
             expected &= is_near | ~(np.roll(is_near, off, axis) | np.roll(is_near, -off, axis))
     np.testing.assert_array_equal(kept, expected)
-
-
-def test_a_range_that_is_not_positive_is_refused(room):
-    for bad in [0.0, -1.0]:
-        image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
-        range_m[3, 4] = bad
-        with pytest.raises(ValueError, match="range: expected positive"):
-            prepare_reference(image, range_m, CAMERA, PARAMS)
-    with pytest.raises(ValueError, match=r"range: expected 80 x 60, found shape \(59, 80\)"):
-        prepare_reference(image, range_m[1:], CAMERA, PARAMS)
 
 
 def test_any_piece_of_the_curve_is_a_patch():

@@ -8,8 +8,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.pixels.samples import sample_views
 
-# Written out: imported, a change would go unseen.
-NUM_SAMPLES = 2048
+NUM_SAMPLES = 2048  # written out: imported, a change would go unseen
 
 PARAMS, CAMERA = RegistrationParams(max_pixels=10_000), Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 POSE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])

@@ -39,7 +39,7 @@ def test_a_truncated_bag_keeps_its_whole_chunks(make_bag, tmp_path, share):
     assert verify_bag(tmp_path / "saved").problems == []
 
 
-def test_nothing_to_salvage(make_bag, tmp_path):
+def test_where_nothing_can_be_salvaged_it_is_told_and_of_an_sqlite_bag_other_tools_are_named(make_bag, tmp_path):
     file = make_bag() / "bag_0.mcap"
     file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(BagError, match="expected a whole chunk to salvage, found none"):
@@ -47,10 +47,8 @@ def test_nothing_to_salvage(make_bag, tmp_path):
     assert not (tmp_path / "saved").exists()
     with pytest.raises(BagError, match=r"expected an \.mcap file"):
         salvage(tmp_path / "absent", tmp_path / "saved")
-
-
-def test_of_an_sqlite_bag_other_tools_are_named(tmp_path):
-    for path in (tmp_path, tmp_path / "drive.db3"):
-        (tmp_path / "drive.db3").write_bytes(b"SQLite")
+    (folder := tmp_path / "other").mkdir()
+    (folder / "drive.db3").write_bytes(b"SQLite")
+    for path in (folder, folder / "drive.db3"):
         with pytest.raises(BagError, match=r"found sqlite3: .*sqlite3 BAG\.db3 \.recover .* ros2 bag reindex"):
             salvage(path, tmp_path / "saved")

@@ -23,7 +23,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav.ros.bags.foreign import _BoundedPath
 from sphere_nav.ros.bags.mcap_file import MAX_CHUNK
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import BagError, TopicInfo
+from sphere_nav.ros.bags.recorded import BagError
 
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 START_NS, STEP_NS, NUM = 5_000_000_000, 100_000_000, 6
@@ -45,28 +45,26 @@ def messages(store, has_seq):
         yield "/a/camera_info", INFO, stamp_ns, info
 
 
-def write_ros2(path, storage, compression=None):
-    store = get_typestore(Stores.ROS2_JAZZY)
-    writer = Writer(path, version=9, storage_plugin=storage)
-    if compression is not None:
-        writer.set_compression(compression, CompressionFormat.ZSTD)
+def write_all(writer, store, serialize, *, has_seq):
     with writer:
         connections = {}
-        for topic, kind, stamp_ns, message in messages(store, has_seq=False):
+        for topic, kind, stamp_ns, message in messages(store, has_seq):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], stamp_ns, store.serialize_cdr(message, kind))
+            writer.write(connections[topic], stamp_ns, serialize(message, kind))
+
+
+def write_ros2(path, storage, compression=None):
+    store, writer = get_typestore(Stores.ROS2_JAZZY), Writer(path, version=9, storage_plugin=storage)
+    if compression is not None:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    write_all(writer, store, store.serialize_cdr, has_seq=False)
     return path
 
 
 def write_ros1(path):
     store = get_typestore(Stores.ROS1_NOETIC)
-    with Ros1Writer(path) as writer:
-        connections = {}
-        for topic, kind, stamp_ns, message in messages(store, has_seq=True):
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], stamp_ns, store.serialize_ros1(message, kind))
+    write_all(Ros1Writer(path), store, store.serialize_ros1, has_seq=True)
     return path
 
 
@@ -86,13 +84,10 @@ KINDS = ["sqlite", "lone", "sqlite file", "sqlite message", "mcap file", "mcap m
 
 
 @pytest.mark.parametrize("bag", KINDS, indirect=True)
-def test_every_storage_gives_the_same_messages(bag):
+def test_every_storage_gives_the_same_messages_and_those_of_a_span_of_time(bag):
     with BagReader(bag) as reader:
-        assert all(isinstance(info, TopicInfo) for info in reader.topics.values())
-        assert {name: (info.type, info.count) for name, info in reader.topics.items()} == {
-            "/a/image": (IMAGE, NUM),
-            "/a/camera_info": (INFO, NUM),
-        }
+        counts = {"/a/image": (IMAGE, NUM), "/a/camera_info": (INFO, NUM)}
+        assert {name: (info.type, info.count) for name, info in reader.topics.items()} == counts
         assert reader.time_range == (START_NS, START_NS + (NUM - 1) * STEP_NS)
         assert reader.num_messages == 2 * NUM
         for number, (topic, stamp_ns, data) in enumerate(reader.raw(["/a/image"])):
@@ -103,11 +98,6 @@ def test_every_storage_gives_the_same_messages(bag):
         info = next(reader.messages(["a/camera_info"])).message
         assert isinstance(info, CameraInfo)
         assert (info.k[0], info.k[2], info.r[0], info.distortion_model) == (100.0, 1.5, 1.0, "plumb_bob")
-
-
-@pytest.mark.parametrize("bag", ["sqlite", "ros1"], indirect=True)
-def test_a_span_of_time_is_read(bag):
-    with BagReader(bag) as reader:
         stamps = [item.stamp_ns for item in reader.raw(["/a/image"], START_NS + STEP_NS, START_NS + 3 * STEP_NS)]
     assert stamps == [START_NS + n * STEP_NS for n in (1, 2, 3)]
 
@@ -123,10 +113,6 @@ def test_what_is_cut_off_is_refused_in_one_line(bag, size):
     assert bag.name in str(caught.value)
 
 
-# --- bombs: 300 MB of zeros, of which a file holds some KB
-BOMB = bytes(300 << 20)
-
-
 def test_a_name_that_means_something_in_an_address_is_that_of_its_own_bag(tmp_path):
     """SQLite is asked by address: of these the wrong database would be opened, or none."""
     written = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)
@@ -138,6 +124,9 @@ def test_a_name_that_means_something_in_an_address_is_that_of_its_own_bag(tmp_pa
         for source in (path, path / "drive.db3"):
             with BagReader(source) as bag:
                 assert len([*bag.messages()]) == 2 * NUM
+
+
+BOMB = bytes(300 << 20)  # zeros, of which a file holds some KB
 
 
 def refuses(bag, limit=MAX_CHUNK):
@@ -182,20 +171,17 @@ def test_a_chunk_of_ros1_that_unpacks_without_end_is_refused(tmp_path, monkeypat
     assert "expected at most 4194304 bytes" in refuses(bag, 1 << 22)
 
 
-def test_a_database_with_a_log_beside_it_is_refused_with_the_remedy(tmp_path):
+def test_a_database_with_a_log_beside_it_a_pipe_and_a_name_that_a_terminal_obeys_are_refused(tmp_path):
     (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
     bag.with_name(f"{bag.name}-wal").write_bytes(b"what a crash leaves")
     for path in (bag, bag.parent):
         with pytest.raises(BagError, match=r"db3: expected a whole database, found .*db3-wal .* merges it$"):
             BagReader(path)
-
-
-def test_a_pipe_is_not_waited_for_and_a_name_that_a_terminal_obeys_is_refused(tmp_path):
     for name in ("drive.db3", "drive.bag"):
         os.mkfifo(tmp_path / name)
         with pytest.raises(BagError, match="expected a bag, found a FIFO"):
             BagReader(tmp_path / name)
-    (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
+    (bag,) = write_ros2(tmp_path / "other", StoragePlugin.SQLITE3).glob("*.db3")
     with closing(sqlite3.connect(bag)) as database:
         database.executescript("UPDATE topics SET name = '/a\x1b[2J' WHERE id = 1")
     with pytest.raises(BagError, match="topic: expected a printable name and type") as caught:
@@ -224,11 +210,8 @@ def test_frames_and_types_of_others_come_out_of_a_ros1_bag(kind, tmp_path):
     with BagReader(tmp_path / "drive.bag") as bag:
         assert bag.topics["/tf_static"].type == "tf2_msgs/msg/TFMessage"
         (found,) = next(bag.messages(["/tf_static"])).message.transforms
-        assert (found.header.frame_id, found.child_frame_id, found.transform.translation.z) == (
-            "base_link",
-            "camera",
-            3,
-        )
+        assert (found.header.frame_id, found.child_frame_id) == ("base_link", "camera")
+        assert found.transform.translation.z == 3
         assert bag.topics["/battery"].count == 1
         assert struct.unpack("<f", next(bag.raw(["/battery"])).message[-4:]) == (12.5,)
 

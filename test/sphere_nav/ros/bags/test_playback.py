@@ -54,11 +54,6 @@ def test_a_pause_is_not_made_up_for(make_bag, wall):
         assert len(take_due(playback)) == 1
 
 
-def test_rate_zero_is_at_once(make_bag, wall):
-    with BagReader(make_bag()) as bag:
-        assert len(take_due(Playback(bag, ["/text"], START, 0.0, wall))) == 40
-
-
 def test_latched_topics_come_first_and_once(make_bag, wall):
     with BagReader(make_bag()) as bag:
         playback = Playback(bag, list(bag.topics), START + 2_000_000_000, 0.0, wall)

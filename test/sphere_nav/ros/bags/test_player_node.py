@@ -87,28 +87,20 @@ def test_what_is_played_is_recorded(start, drive, tmp_path):
             assert all(first.message == second.message for first, second in pairs)
 
 
-@pytest.fixture
-def desk(ros):
-    with closing(Desk()) as desk:
-        yield desk
-
-
 @pytest.mark.dds
-def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, desk):
+def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, ros):
     stamps, beside = [], []
-    desk.peer.create_subscription(Header, "/car2/stamp", lambda m: stamps.append(m.frame_id), 50)
-    desk.peer.create_subscription(Header, "/stamp", lambda m: beside.append(m.frame_id), 50)
-    player = start("bag_player", "-r", "__ns:=/car2", bag=drive, topics="/stamp", rate=0.0, wait_for="/stamp")
-    desk.until(lambda: len(stamps) == 30)
-    end_of(player)
+    with closing(Desk()) as desk:
+        desk.peer.create_subscription(Header, "/car2/stamp", lambda m: stamps.append(m.frame_id), 50)
+        desk.peer.create_subscription(Header, "/stamp", lambda m: beside.append(m.frame_id), 50)
+        player = start("bag_player", "-r", "__ns:=/car2", bag=drive, topics="/stamp", rate=0.0, wait_for="/stamp")
+        desk.until(lambda: len(stamps) == 30)
+        end_of(player)
     assert beside == []
 
 
-def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch):
-    values = {"output": str(tmp_path / "out"), "topics": "/text"}
-    shell = LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
-    assert shell.start()
-    ended = []
+def test_a_full_disk_ends_the_recording_with_one_line(recorder, tmp_path, monkeypatch):
+    shell, ended = recorder(tmp_path / "out"), []
     shell.on_finish = ended.append
 
     def fail():
@@ -120,7 +112,6 @@ def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch
     assert ended == [1]
     shell.stop()
     assert not (tmp_path / "out").exists()
-    shell.destroy_node()
 
 
 RECORDER = """
@@ -132,27 +123,16 @@ sys.exit(recorder_node.main())
 """
 
 
-@pytest.fixture
-def record_slowly(tmp_path, spawn):
-    """Record on a disk that takes so long to sync; return status and standard error after SIGINT."""
-
-    def record(sync_s, patience_s):
-        command = [sys.executable, "-c", RECORDER, str(sync_s), str(patience_s), "--ros-args"]
-        command += ["-p", f"output:={tmp_path / 'slow'}", "-p", "topic_set:=all"]
-        process = spawn(command)
-        line_with(process, "/rosout: recording")
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=PATIENCE)
-        return process.returncode, err
-
-    return record
-
-
 @pytest.mark.dds
-def test_what_is_not_complete_in_time_is_told_with_the_command_that_rescues_it(record_slowly, tmp_path):
-    status, err = record_slowly(60.0, 0.5)
+def test_what_is_not_complete_in_time_is_told_with_the_command_that_rescues_it(spawn, tmp_path):
+    """On a disk that takes a minute to sync, within half a second."""
+    command = [sys.executable, "-c", RECORDER, "60.0", "0.5", "--ros-args"]
+    process = spawn([*command, "-p", f"output:={tmp_path / 'slow'}", "-p", "topic_set:=all"])
+    line_with(process, "/rosout: recording")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=PATIENCE)
     (line,) = [line for line in err.splitlines() if "not complete" in line]
-    assert status == 1
+    assert process.returncode == 1
     assert line.startswith("no end 0.5 s after the signal: ")
     words = shlex.split(line.split("'")[1])
     assert words == ["sphere_nav", "verify-bag", f"{tmp_path / 'slow'}.partial", "--salvage", f"{tmp_path / 'slow'}"]
@@ -166,9 +146,8 @@ def recorder(ros):
 
     def begin(output):
         values = {"output": str(output), "topics": "/text"}
-        shells.append(
-            LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
-        )
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        shells.append(LiveShell(BagRecorder, parameter_overrides=overrides))
         assert shells[-1].start()
         return shells[-1]
 

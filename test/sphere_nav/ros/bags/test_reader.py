@@ -12,10 +12,6 @@ from sphere_nav.ros.bags.check import salvage
 from sphere_nav.ros.interfaces import type_hash
 
 
-def one_line(error):
-    return "\n" not in str(error.value)
-
-
 def test_messages_come_in_order_of_time(make_bag):
     with BagReader(make_bag()) as bag:
         assert bag.num_messages == 81
@@ -57,9 +53,8 @@ def write_mixed(path, encodings):
         writer.start("ros2")
         for number, encoding in enumerate(encodings):
             kind = "std_msgs/msg/String" if encoding == "cdr" else "foxglove.Log"
-            channel = writer.register_channel(
-                f"/{number}", encoding, writer.register_schema(kind, "any", b"string data")
-            )
+            schema = writer.register_schema(kind, "any", b"string data")
+            channel = writer.register_channel(f"/{number}", encoding, schema)
             for stamp in range(3):
                 data = to_bytes(String(data=str(stamp))) if encoding == "cdr" else b"{}"
                 writer.add_message(channel, stamp + 1, data, stamp + 1)
@@ -74,9 +69,8 @@ def test_a_topic_of_another_encoding_is_named_and_the_others_are_read(tmp_path, 
             assert {name: info.count for name, info in bag.topics.items()} == {"/1": 3}
             assert [item.message.data for item in bag.messages()] == ["0", "1", "2"]
             assert bag.num_messages == len([*bag.raw()]) == 3
-    assert [record.message for record in caplog.records] == [
-        f"{path}: not readable, passed over: /0 (json), /2 (protobuf): expected encoding cdr"
-    ]
+    line = f"{path}: not readable, passed over: /0 (json), /2 (protobuf): expected encoding cdr"
+    assert [record.message for record in caplog.records] == [line]
     assert salvage(path, tmp_path / "saved") == 3
     with pytest.raises(BagError, match=r"none.mcap: expected topics of encoding cdr, found /0 \(ros1\)"):
         BagReader(write_mixed(tmp_path / "none.mcap", ["ros1"]))
@@ -95,19 +89,17 @@ def test_several_files_are_one_bag(make_bag, tmp_path):
     assert stamps == sorted(stamps)
 
 
-def test_an_absent_bag(tmp_path):
+def test_an_absent_cut_or_empty_bag(tmp_path):
     expected = r"nothing: expected a bag \(a folder, or a file \.mcap, \.db3 or \.bag\), found none"
     with pytest.raises(BagError, match=expected) as error:
         BagReader(tmp_path / "nothing")
-    assert one_line(error)
+    assert "\n" not in str(error.value)
     BagWriter(tmp_path / "cut")
     with pytest.raises(BagError, match=r"found .*cut\.partial of an interrupted run"):
         BagReader(tmp_path / "cut")
-
-
-def test_an_empty_folder_file_or_bag(tmp_path):
+    (empty := tmp_path / "folder").mkdir()
     with pytest.raises(BagError, match=r"expected metadata\.yaml or \.mcap files, found neither"):
-        BagReader(tmp_path)
+        BagReader(empty)
     (tmp_path / "empty.mcap").touch()
     with pytest.raises(BagError, match="expected an MCAP file, found an empty file"):
         BagReader(tmp_path / "empty.mcap")
@@ -129,19 +121,14 @@ def test_metadata_that_is_wrong(make_bag):
             BagReader(path)
 
 
-def test_a_topic_that_is_not_there_names_those_that_are(make_bag):
+def test_a_topic_that_is_not_there_names_those_that_are_and_one_of_another_type_or_definition_its_own(make_bag):
     with BagReader(make_bag()) as bag:
         assert bag.require("text", String).count == 40
-        with pytest.raises(
-            BagError, match=r"expected topic /image_raw, found /latched \(std_msgs/msg/String\), /stamp"
-        ):
+        expected = r"expected topic /image_raw, found /latched \(std_msgs/msg/String\), /stamp"
+        with pytest.raises(BagError, match=expected):
             bag.require("image_raw")
         with pytest.raises(BagError, match="/text: expected std_msgs/msg/Header, found std_msgs/msg/String"):
             bag.require("text", Header)
-
-
-def test_another_definition_of_a_type(make_bag):
-    with BagReader(make_bag()) as bag:
         bag.topics["/text"].hash = "RIHS01_00"
         with pytest.raises(BagError, match=f"expected definition {type_hash('std_msgs/msg/String')}, found RIHS01_00"):
             next(bag.messages(["text"]))
@@ -151,8 +138,6 @@ def test_bytes_that_are_no_message(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("text", String)
         bag.write_bytes("text", b"\x00\x01\x00\x00\xff\xff\xff\x7f", 1)
-    with (
-        BagReader(tmp_path / "bag") as reader,
-        pytest.raises(BagError, match="/text: expected std_msgs/msg/String, found 8"),
-    ):
+    expected = "/text: expected std_msgs/msg/String, found 8"
+    with BagReader(tmp_path / "bag") as reader, pytest.raises(BagError, match=expected):
         list(reader.messages())

@@ -65,20 +65,19 @@ def run(path, **values):
         return list(replay(bag, bus)), echo, counter, bus
 
 
-def test_callbacks_come_in_order_with_the_recorded_time(make_bag):
-    published, echo, counter, _ = run(make_bag(), prefix="n")
+def test_callbacks_come_in_order_with_the_recorded_time_and_what_is_refused_is_counted(make_bag):
+    published, echo, counter, bus = run(make_bag(), prefix="n")
     assert echo.heard == [5_000_000_000 + n * 100_000_000 for n in range(40) if n != 7]
     texts = [item.message.data for item in published if item.topic == "/echo"]
     assert texts == [f"n{n}" for n in range(40) if n != 7]
     assert [item.topic for item in published[:4]] == ["/echo", "/count", "/echo", "/count"]
     assert published[2].stamp_ns == 5_100_000_000
     assert counter.num == 39
-
-
-def test_what_a_node_refuses_is_counted_and_explained(make_bag):
-    _, echo, _, _ = run(make_bag())
     assert (echo.inputs[0].num_received, echo.inputs[0].num_refused) == (40, 1)
     assert echo.inputs[0].last_refusal == "data: expected another number, found 7"
+    assert echo.endpoints.call("count").message == "39"
+    bus.close()
+    assert echo.closed
 
 
 def test_two_replays_are_equal_to_the_bit(make_bag):
@@ -93,42 +92,31 @@ def test_timers_fire_on_the_clock_of_the_recording(make_bag):
     assert echo.ticks == [5_000_000_000 + 250_000_000 * n for n in range(1, 16)]  # 3.9 s
 
 
-def test_topics_are_renamed(make_bag):
+def test_topics_are_renamed_and_a_required_one_that_is_not_in_the_bag_is_told(make_bag):
+    path = make_bag()
     bus = OfflineBus()
     echo = bus.add(Echo, remap={"text": "/latched", "echo": "said"})
-    with BagReader(make_bag()) as bag:
+    with BagReader(path) as bag:
         assert [(item.topic, item.message.data) for item in replay(bag, bus)] == [("/said", "once")]
     assert len(echo.heard) == 1
-
-
-def test_a_required_topic_that_is_not_in_the_bag(make_bag):
     bus = OfflineBus()
     bus.add(Echo, remap={"text": "image_raw"})
-    with BagReader(make_bag()) as bag, pytest.raises(BagError, match="expected topic /image_raw, found /latched"):
+    with BagReader(path) as bag, pytest.raises(BagError, match="expected topic /image_raw, found /latched"):
         list(replay(bag, bus))
 
 
-def test_outputs_go_into_a_bag_with_their_qos(make_bag, tmp_path):
+def test_outputs_go_into_a_bag_with_their_qos_and_the_progress_is_told(make_bag, tmp_path):
+    path = make_bag()
     bus = OfflineBus(captured={"echo"})
     bus.add(Echo)
-    with BagReader(make_bag()) as bag, BagWriter(tmp_path / "out") as out:
+    with BagReader(path) as bag, BagWriter(tmp_path / "out") as out:
         assert sum(1 for _ in record(replay(bag, bus), out, bus)) == 39
     with BagReader(tmp_path / "out") as bag:
         assert bag.topics["/echo"].count == 39
         assert bag.topics["/echo"].profiles[0].durability == qos.TRANSIENT_LOCAL
-
-
-def test_services_answer_and_the_end_is_orderly(make_bag):
-    _, echo, _, bus = run(make_bag())
-    assert echo.endpoints.call("count").message == "39"
-    bus.close()
-    assert echo.closed
-
-
-def test_the_progress_of_a_bag_is_told(make_bag):
     bus, steps = OfflineBus(), []
     bus.add(Echo)
-    with BagReader(make_bag()) as bag:
+    with BagReader(path) as bag:
         published = list(replay(bag, bus, progress=steps.append))
     assert [item.message.data for item in published][-2:] == ["38", "39"]
     assert (len(steps), len(published)) == (40, 39)  # one was refused

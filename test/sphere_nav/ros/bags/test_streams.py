@@ -13,9 +13,6 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompres
 from sphere_nav.ros.conversions.stamps import header
 from worlds.streams import compressed, image
 
-pytest.importorskip("rclpy")
-
-
 SECOND = 10**9
 GRAY = np.arange(48, dtype=np.uint8).reshape(6, 8)
 DEPTH = np.full((6, 8), 1500, np.uint16)
@@ -31,12 +28,9 @@ def packed(data, format_, topic="/a/compressed"):
     return examine_samples(messages, COMPRESSED, topic)
 
 
-def test_a_good_image_shows_its_frame_size_and_encoding():
+def test_a_good_image_shows_its_frame_size_and_encoding_and_one_is_enough():
     shown = raw(GRAY, "mono8")
     assert (shown.frame_id, shown.width, shown.height, shown.encoding, shown.problem) == ("a", 8, 6, "mono8", "")
-
-
-def test_one_good_message_is_enough():
     good = array_to_image(GRAY, 2 * SECOND, "a", "mono8")
     bad = array_to_image(GRAY, SECOND, "a", "mono8")
     bad.encoding = "yuv444"
@@ -44,16 +38,13 @@ def test_one_good_message_is_enough():
     assert "encoding: expected one of" in examine_samples([(1, bad), (2, bad)], IMAGE, "/a").problem
 
 
-@pytest.mark.parametrize(
-    ("data", "format_", "words"),
-    [
+def test_what_cannot_be_unpacked_is_a_problem_that_names_the_format():
+    for data, format_, words in [
         (b"\x00\x00\x00\x01\x67\x42", "h264", "format 'h264': image data: expected PNG or JPEG"),
         (bytes(12) + PNG, "16UC1; compressedDepth rvl", "found '16UC1; compressedDepth rvl'"),
         (PNG[:40], "16UC1; png compressed", "image data: expected an image"),
-    ],
-)
-def test_what_cannot_be_unpacked_is_a_problem_that_names_the_format(data, format_, words):
-    assert words in packed(data, format_).problem
+    ]:
+        assert words in packed(data, format_).problem
 
 
 @pytest.mark.parametrize(("format_", "topic"), [("16UC1; png compressed", "/a"), ("png", "/depth/compressed")])
@@ -66,21 +57,15 @@ def test_sixteen_bits_in_a_png_are_depth_not_a_picture(format_, topic):
     assert decompress(CompressedImage(header=header(1, "a"), format="png", data=eight)).encoding == "mono8"
 
 
-def test_depth_that_measures_nothing_is_a_problem():
+def test_depth_that_measures_nothing_and_stamps_that_are_none_are_a_problem():
     assert "expected some measured pixels" in raw(np.zeros((6, 8), np.uint16), "16UC1").problem
     assert raw(DEPTH, "16UC1").problem == ""
-
-
-@pytest.mark.parametrize(
-    ("stamps", "words"),
-    [
+    for stamps, words in [
         ((0, 0), "header.stamp: expected a time, found 0"),
         ((5 * SECOND,) * 3, "expected one that grows, found 5.000 s 3 times"),
-    ],
-)
-def test_stamps_that_are_none_are_a_problem(stamps, words):
-    messages = [(number, array_to_image(GRAY, stamp, "a", "mono8")) for number, stamp in enumerate(stamps)]
-    assert words in examine_samples(messages, IMAGE, "/a").problem
+    ]:
+        messages = [(number, array_to_image(GRAY, stamp, "a", "mono8")) for number, stamp in enumerate(stamps)]
+        assert words in examine_samples(messages, IMAGE, "/a").problem
 
 
 def test_stamps_ahead_of_the_recorder_are_measured_by_the_least_lead():
@@ -101,14 +86,11 @@ def test_a_calibration_has_the_size_of_its_images():
     assert shown.is_projected
 
 
-@pytest.mark.parametrize(
-    ("stream", "is_depth", "is_picture", "base"),
-    [
+def test_depth_pictures_and_transports_are_told_apart():
+    for stream, is_depth, is_picture, base in [
         (image("/front/image_raw"), False, True, "/front/image_raw"),
         (image("/depth/image_raw", "16UC1"), True, False, "/depth/image_raw"),
         (compressed("/d/image_raw/compressedDepth", "16UC1; compressedDepth png"), True, False, "/d/image_raw"),
         (Stream("/odom/compressed", "nav_msgs/msg/Odometry", 9, 5.0), False, False, "/odom"),
-    ],
-)
-def test_depth_pictures_and_transports_are_told_apart(stream, is_depth, is_picture, base):
-    assert (stream.is_depth, stream.is_picture, stream.base) == (is_depth, is_picture, base)
+    ]:
+        assert (stream.is_depth, stream.is_picture, stream.base) == (is_depth, is_picture, base)

@@ -23,11 +23,8 @@ def test_an_independent_reader_agrees(make_bag):
         assert kinds["/stamp"][:2] == ("std_msgs/msg/Header", 40)
         durabilities = {c.topic: c.ext.offered_qos_profiles[0].durability.name for c in reader.connections}
         assert durabilities == {"/latched": "TRANSIENT_LOCAL", "/text": "VOLATILE", "/stamp": "VOLATILE"}
-        texts = [
-            store.deserialize_cdr(data, c.msgtype).data.split()[0]
-            for c, _, data in reader.messages()
-            if c.topic == "/text"
-        ]
+        found = [(c.msgtype, data) for c, _, data in reader.messages() if c.topic == "/text"]
+        texts = [store.deserialize_cdr(data, kind).data.split()[0] for kind, data in found]
     assert texts == [str(number) for number in range(40)]
 
 
@@ -48,48 +45,41 @@ def test_metadata_is_in_the_folder_and_in_the_file(make_bag):
     assert len(chunks) == 4  # as `make_bag` ends them
 
 
-def test_a_bag_is_not_there_before_it_is_complete(tmp_path):
+def test_a_bag_is_not_there_before_it_is_complete_and_nothing_is_overwritten(make_bag, tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag.write("text", String(data="a"), 1)
     assert not (tmp_path / "bag").exists()
     assert bag.close() == tmp_path / "bag"
     assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag_0.mcap", "metadata.yaml"]
     assert not (tmp_path / "bag.partial").exists()
-
-
-def test_an_exception_leaves_nothing_behind(tmp_path):
-    def write():
-        with BagWriter(tmp_path / "bag") as bag:
-            bag.write("text", String(data="a"), 1)
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        write()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_names_the_file_and_leaves_nothing(tmp_path, monkeypatch):
-    def write():
-        with BagWriter(tmp_path / "bag") as bag:
-            bag.write("text", String(data="a"), 1)
-            monkeypatch.setattr(
-                bag._mcap, "finish", lambda: (_ for _ in ()).throw(OSError(28, "No space left on device"))
-            )
-
-    with pytest.raises(OSError, match=r"No space left on device: '.*bag\.partial/bag_0\.mcap'"):
-        write()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_nothing_is_overwritten(make_bag, tmp_path):
-    path = make_bag()
-    before = (path / "bag_0.mcap").read_bytes()
+    path = make_bag("made")
+    before = (path / "made_0.mcap").read_bytes()
     with pytest.raises(BagError, match="expected no such file or folder"):
         BagWriter(path)
-    assert (path / "bag_0.mcap").read_bytes() == before
+    assert (path / "made_0.mcap").read_bytes() == before
     BagWriter(tmp_path / "cut")
     with pytest.raises(BagError, match=r"cut\.partial: a run that is still writing, or the remains of one"):
         BagWriter(tmp_path / "cut")
+
+
+def test_an_exception_leaves_nothing_behind_and_a_full_disk_names_the_file(tmp_path, monkeypatch):
+    def write(end):
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.write("text", String(data="a"), 1)
+            end(bag)
+
+    def interrupt(bag):
+        raise RuntimeError
+
+    def fail():
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(RuntimeError):
+        write(interrupt)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OSError, match=r"No space left on device: '.*bag\.partial/bag_0\.mcap'"):
+        write(lambda bag: monkeypatch.setattr(bag._mcap, "finish", fail))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_was_flushed_survives_a_crash(tmp_path):

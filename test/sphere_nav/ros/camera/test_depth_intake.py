@@ -2,11 +2,6 @@
 
 import numpy as np
 import pytest
-
-from sphere_nav.ros.constants import DEPTH_SLACK_S
-
-pytest.importorskip("rclpy")
-
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3, Pinhole
@@ -16,8 +11,7 @@ from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.node import ManagedNode
 
-# Written out: imported, a change would go unseen.
-SLACK_S = 0.01
+SLACK_S = 0.01  # written out: imported, a change would go unseen
 
 SECOND = 10**9
 CAMERA, DEPTH_CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5), Pinhole(12, 6, 9.0, 8.0, 5.5, 2.5)
@@ -25,12 +19,10 @@ T_IMAGE_DEPTH = SE3.exp([0.05, 0.0, 0.01, 0.0, 0.02, 0.0])
 
 
 class Gate:
-    def __init__(self, **values):
-        self.bus, self.pictures, self.refused = OfflineBus(), [], []
+    def __init__(self):
+        self.bus, self.pictures, params = OfflineBus(), [], NodeParams(mounting="0,0,1,0,0,0")
         self.node = self.bus.add(ManagedNode)
-        values = {"mounting": "0,0,1,0,0,0"} | values
-        callbacks = self.pictures.append, lambda *told: self.refused.append(told)
-        self.intake = Cameras(self.node.endpoints, NodeParams(**values), *callbacks, has_depth=True)
+        self.intake = Cameras(self.node.endpoints, params, self.pictures.append, pytest.fail, has_depth=True)
         self.send("camera_info", camera_to_info(CAMERA, 1, "optical"))
 
     def send(self, topic, message):
@@ -45,9 +37,10 @@ class Gate:
         self.send("depth/image_raw", array_to_image(pixels, round(second * SECOND), frame, "32FC1"))
 
     def seen(self):
-        return [
-            (p.stamp_ns // SECOND, None if p.depth is None else float(p.depth.depth_m[0, 0])) for p in self.pictures
-        ]
+        return [(p.stamp_ns // SECOND, p.depth and float(p.depth.depth_m[0, 0])) for p in self.pictures]
+
+    def refusal(self):
+        return next(item for item in self.node.inputs if item.topic == "depth/image_raw").last_refusal
 
 
 @pytest.mark.parametrize("order", [("image", "depth"), ("depth", "image")])
@@ -55,7 +48,7 @@ def test_an_image_goes_on_with_the_depth_of_its_instant(order):
     gate = Gate()
     for second in (1, 2):
         for kind in order:
-            gate.depth(second + 0.4 * DEPTH_SLACK_S, 2.0 + second) if kind == "depth" else gate.image(second)
+            gate.depth(second + 0.4 * SLACK_S, 2.0 + second) if kind == "depth" else gate.image(second)
     assert gate.seen() == [(1, 3.0), (2, 4.0)]
     assert gate.pictures[0].depth.camera == CAMERA
     np.testing.assert_array_equal(gate.pictures[0].depth.T_image_depth.matrix, np.eye(4))
@@ -91,8 +84,7 @@ def test_depth_of_a_camera_beside_is_placed_by_tf():
     gate.image(1)
     gate.depth(1, shape=(6, 12), frame="depth_optical")
     assert gate.seen() == [(1, None)]  # nobody says where it is: the image does not suffer from that
-    refused = next(item for item in gate.node.inputs if item.topic == "depth/image_raw").last_refusal
-    assert "depth_optical" in refused
+    assert "depth_optical" in gate.refusal()
     gate.send("tf_static", TFMessage(transforms=[se3_to_transform(T_IMAGE_DEPTH, SECOND, "optical", "depth_optical")]))
     gate.image(2)
     gate.depth(2, shape=(6, 12), frame="depth_optical")
@@ -106,8 +98,7 @@ def test_depth_that_cannot_be_read_costs_no_image():
     gate.image(1)
     gate.depth(1, shape=(6, 12))
     assert gate.seen() == [(1, None)]
-    refused = next(item for item in gate.node.inputs if item.topic == "depth/image_raw").last_refusal
-    assert "expected 16 x 8" in refused
+    assert "expected 16 x 8" in gate.refusal()
 
 
 def test_after_a_jump_of_the_clock_nothing_old_is_joined():

@@ -4,9 +4,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 

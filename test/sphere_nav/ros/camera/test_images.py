@@ -3,9 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.ros.camera.images import image_topic, read_gray, read_rgb
@@ -20,24 +17,24 @@ def compressed(pixels, format_="png"):
     return CompressedImage(header=header(1, "optical"), format=format_, data=data)
 
 
-def test_the_transport_decides_topic_and_kind():
+def test_the_transport_decides_topic_and_kind_and_a_panorama_is_twice_as_wide_as_high():
     assert image_topic("image_raw", "raw") == ("image_raw", Image)
     assert image_topic("image_raw", "compressed") == ("image_raw/compressed", CompressedImage)
-    assert image_topic("depth/image_raw", "compressed", is_depth=True) == (
-        "depth/image_raw/compressedDepth",
-        CompressedImage,
-    )
+    found = image_topic("depth/image_raw", "compressed", is_depth=True)
+    assert found == ("depth/image_raw/compressedDepth", CompressedImage)
+    for message in (array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)):
+        camera = panorama_of(message)
+        assert (camera.width, camera.height) == (16, 8)
+    with pytest.raises(ValueError, match="twice as wide as high, found 8 x 8"):
+        panorama_of(compressed(COLORS[:, :8]))
 
 
 @pytest.mark.parametrize("size", [None, (16, 8)])
-def test_pixels_are_the_same_by_either_transport(size):
+def test_pixels_are_the_same_by_either_transport_and_another_size_is_refused_by_whose_it_is_not(size):
     messages = array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)
     for message in messages:
         np.testing.assert_array_equal(read_rgb(message, size), COLORS)
         np.testing.assert_array_equal(read_gray(message, size), cv2.cvtColor(COLORS, cv2.COLOR_RGB2GRAY))
-
-
-def test_a_compressed_image_of_another_size_is_refused_by_whose_size_it_is_not():
     with pytest.raises(ValueError, match=r"expected 8 x 16 \(left\), found 16 x 8"):
         read_rgb(compressed(COLORS), (8, 16), "left")
 
@@ -53,11 +50,3 @@ def test_a_dark_image_keeps_the_scale_of_the_bright_ones_of_its_stream(size):
         np.testing.assert_array_equal(seen, bright >> 4)
         np.testing.assert_array_equal(read_gray(send(dark), size, stream), dark >> 4)
         np.testing.assert_array_equal(read_gray(send(dark), size, other), dark >> 2)  # all that is known of it
-
-
-def test_a_panorama_is_twice_as_wide_as_high():
-    for message in (array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)):
-        camera = panorama_of(message)
-        assert (camera.width, camera.height) == (16, 8)
-    with pytest.raises(ValueError, match="twice as wide as high, found 8 x 8"):
-        panorama_of(compressed(COLORS[:, :8]))

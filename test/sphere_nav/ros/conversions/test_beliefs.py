@@ -18,9 +18,8 @@ def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
     ]
     first, *markers = hypotheses_to_markers(places, [1.5, 1.6], 7, "map").markers
     assert first.action == first.DELETEALL  # places that are no more vanish
-    assert [(marker.ns, marker.id) for marker in markers] == [
-        (name, number) for number in (0, 1) for name in ("places", "headings", "weights")
-    ]
+    names = ("places", "headings", "weights")
+    assert [(marker.ns, marker.id) for marker in markers] == [(name, number) for number in (0, 1) for name in names]
     ellipse, arrow, text = markers[:3]
     assert (ellipse.scale.x, ellipse.scale.y) == pytest.approx((2.0, 0.8))  # two standard deviations to either side
     turn = 2 * np.arctan2(ellipse.pose.orientation.z, ellipse.pose.orientation.w)

@@ -29,11 +29,9 @@ def messages():
 
 def test_leading_slashes_go_wherever_a_message_comes_from():
     heard = []
-    for message in messages():
-        kind = type(message)
-        topic = Subscription("any", kind, heard.append, qos.SENSOR)
-        topic.deliver(message)
-        heard.append(from_bytes(serialize_message(messages()[[type(m) for m in messages()].index(kind)]), kind))
+    for message, again in zip(messages(), messages(), strict=True):
+        Subscription("any", type(message), heard.append, qos.SENSOR).deliver(message)
+        heard.append(from_bytes(serialize_message(again), type(again)))
     odometry, _, tree, _, path, _, sphere, _, _, _ = heard
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
     assert (tree.transforms[0].header.frame_id, tree.transforms[0].child_frame_id) == ("base_link", "cam")

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
@@ -16,8 +14,6 @@ CERTAIN = 0.01 * np.eye(6)
 
 
 class Lonely(ManagedNode):
-    """Has a pose or not, and a peer."""
-
     NAME = "lonely"
 
     def configure(self):

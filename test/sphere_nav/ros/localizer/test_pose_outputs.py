@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import BaseEstimate, State, Status

@@ -13,17 +13,7 @@ from sphere_nav_msgs.msg import MapInfo
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.reader import (
-    COARSE,
-    EXPERIENCE,
-    FEATURES,
-    GRAPH,
-    INFO,
-    SPHERE,
-    MapDetails,
-    open_map,
-    save_map,
-)
+from sphere_nav.ros.maps.reader import COARSE, EXPERIENCE, FEATURES, GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Experience, SphereGraph
@@ -37,16 +27,15 @@ def saved(sphere_graph, tmp_path):
     return save_map(tmp_path / "map", sphere_graph, DETAILS)
 
 
-def test_a_map_comes_back(saved, sphere_graph):
+def test_a_map_comes_back_and_all_spheres_are_read_small_at_once(saved, sphere_graph):
     with open_map(saved) as reader:
         assert reader.info.map_id == "yard"
         assert reader.info.num_spheres == 3
-        assert reader.info.length == pytest.approx(
-            sum(edge.T_a_b.distance(edge.T_a_b.identity())[0] for edge in sphere_graph.edges)
-        )
+        length = sum(edge.T_a_b.distance(edge.T_a_b.identity())[0] for edge in sphere_graph.edges)
+        assert reader.info.length == pytest.approx(length)
         assert reader.parameters == {"mapper.levels": 4}
         assert all(node.sphere is None for node in reader.graph)
-        graph = load_all(reader)
+        graph, found = load_all(reader), reader.coarse_spheres()
     for before, after in zip(sphere_graph, graph, strict=True):
         assert (after.id, after.stamp_ns) == (before.id, before.stamp_ns)
         np.testing.assert_allclose(after.T_map_sphere.matrix, before.T_map_sphere.matrix, atol=1e-12)
@@ -56,6 +45,11 @@ def test_a_map_comes_back(saved, sphere_graph):
     for before, after in zip(sphere_graph.edges, graph.edges, strict=True):
         assert (after.a, after.b, after.is_loop) == (before.a, before.b, before.is_loop)
         np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
+    assert list(found) == [node.id for node in sphere_graph]
+    for node in sphere_graph:
+        expected = coarse_sphere(node.sphere)
+        np.testing.assert_array_equal(found[node.id].image, expected.image)
+        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
 
 
 @pytest.mark.parametrize("told", ["kitchen.yaml", [0, 0, 1, 0, 0], [0, 0, "high", 0, 0, 0], [0, 0, 4e3, 0, 0, 0], 7])
@@ -76,43 +70,25 @@ def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
         assert all(len(file.chunk(index)) == 1 for index in of_spheres)
 
 
-def test_all_spheres_are_read_small_at_once(saved, sphere_graph):
-    with open_map(saved) as reader:
-        found = reader.coarse_spheres()
-    assert list(found) == [node.id for node in sphere_graph]
-    for node in sphere_graph:
-        expected = coarse_sphere(node.sphere)
-        np.testing.assert_array_equal(found[node.id].image, expected.image)
-        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
-
-
 def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
     first, second = (save_map(tmp_path / name, sphere_graph, DETAILS) / "map.mcap" for name in ("a", "b"))
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_an_old_map_stays_until_the_new_one_is_complete(saved, sphere_graph):
-    before = (saved / "map.mcap").read_bytes()
+def test_an_old_map_stays_until_the_new_one_is_complete_and_nothing_else_is_replaced(saved, sphere_graph):
+    (saved / "notes.txt").write_text("dear")
+    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
+    before, beside = (saved / "map.mcap").read_bytes(), (neighbour / "map.mcap").read_bytes()
     with pytest.raises(BagError, match="nothing is overwritten"):
         save_map(saved, sphere_graph)
     without_pictures = SphereGraph([*open_map(saved).graph])
     with pytest.raises(BagError, match="key sphere 10: expected its picture in memory"):
         save_map(saved, without_pictures, is_overwriting=True)
     assert (saved / "map.mcap").read_bytes() == before
-    other = SphereGraph([node for node in sphere_graph if node.id != 12])
-    save_map(saved, other, is_overwriting=True)
-    assert len(open_map(saved).graph) == 2
-    assert [path.name for path in saved.parent.iterdir()] == ["map"]
-
-
-def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
-    (saved / "notes.txt").write_text("dear")
-    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
-    before = (neighbour / "map.mcap").read_bytes()
     save_map(saved, SphereGraph([node for node in sphere_graph if node.id != 12]), is_overwriting=True)
     assert len(open_map(saved).graph) == 2
     assert (saved / "notes.txt").read_text() == "dear"
-    assert (neighbour / "map.mcap").read_bytes() == before
+    assert (neighbour / "map.mcap").read_bytes() == beside
     assert sorted(path.name for path in saved.parent.iterdir()) == ["map", "map.old"]
     assert sorted(path.name for path in saved.iterdir()) == ["map.mcap", "metadata.yaml", "notes.txt"]
 
@@ -138,15 +114,12 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph,
             shutil.rmtree(left)
 
 
-def test_a_folder_that_is_no_map_is_never_replaced(sphere_graph, tmp_path):
+def test_a_folder_that_is_no_map_is_never_replaced_and_an_empty_graph_is_no_map(sphere_graph, tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "dear.jpg").touch()
     with pytest.raises(BagError, match="nothing is overwritten"):
         save_map(tmp_path / "photos", sphere_graph, is_overwriting=True)
     assert (tmp_path / "photos" / "dear.jpg").exists()
-
-
-def test_an_empty_graph_is_no_map(tmp_path):
     with pytest.raises(BagError, match="found an empty one"):
         save_map(tmp_path / "map", SphereGraph())
 

@@ -54,9 +54,8 @@ def test_key_spheres_of_an_older_drive_keep_what_they_look_like(sphere_graph, tm
         rays = rng.normal(size=(5, 3))
         rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
         index.add(node.id, Features(rays, np.full(5, 2.0, np.float32), rng.integers(0, 256, (5, 128), np.uint8)))
-    older = SphereGraph(
-        [replace(node, stamp_ns=10**9 - node.stamp_ns // 100) for node in sphere_graph], sphere_graph.edges
-    )
+    nodes = [replace(node, stamp_ns=10**9 - node.stamp_ns // 100) for node in sphere_graph]
+    older = SphereGraph(nodes, sphere_graph.edges)
     with open_map(save_map(tmp_path / "map", older, appearance=index)) as found:
         assert [node.stamp_ns for node in found.graph] == [node.stamp_ns for node in older]
         for node_id, features in found.appearance().features.items():
@@ -111,9 +110,8 @@ def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_pat
     save_map(tmp_path / "newer", newer)
     dropped = max(newer.nodes)
     nodes = [*sphere_graph, *(node for node in newer if node.id != dropped)]
-    graph = SphereGraph(
-        nodes, [edge for edge in [*sphere_graph.edges, *newer.edges] if dropped not in (edge.a, edge.b)]
-    )
+    edges = [edge for edge in [*sphere_graph.edges, *newer.edges] if dropped not in (edge.a, edge.b)]
+    graph = SphereGraph(nodes, edges)
     with open_map(tmp_path / "base") as base, open_map(tmp_path / "newer") as other:
         stored = [*base.stored(), *other.stored()]
     assert write_stored(tmp_path / "both", graph, DETAILS, None, stored) == tmp_path / "both"
@@ -129,14 +127,9 @@ def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_pat
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "both", "newer"]
 
 
-@pytest.fixture
-def every_sphere(monkeypatch):
-    monkeypatch.setattr(map_writer, "GRAPH_EVERY", 1)
-
-
-@pytest.mark.usefixtures("every_sphere")
 @pytest.mark.parametrize("num_kept", [1, 2, 3])
-def test_a_torn_map_is_mended_up_to_its_last_graph(sphere_graph, tmp_path, num_kept):
+def test_a_torn_map_is_mended_up_to_its_last_graph(sphere_graph, tmp_path, monkeypatch, num_kept):
+    monkeypatch.setattr(map_writer, "GRAPH_EVERY", 1)
     writer = MapWriter(tmp_path / "map", DETAILS)
     kept = sorted(sphere_graph, key=lambda node: node.id)[:num_kept]
     ids = {node.id for node in kept}
@@ -152,13 +145,11 @@ def test_a_torn_map_is_mended_up_to_its_last_graph(sphere_graph, tmp_path, num_k
 
 
 def test_the_graph_is_written_again_every_few_key_spheres(sphere_graph, tmp_path):
-    node = next(iter(sphere_graph))
+    node, told = next(iter(sphere_graph)), []
     writer = MapWriter(tmp_path / "map", DETAILS)
-    told = []
     for number in range(10):
-        added = replace(node, id=number)
-        writer.add(added, node.sphere)
-        told.append(added)
+        told.append(replace(node, id=number))
+        writer.add(told[-1], node.sphere)
         writer.tell(SphereGraph(told))
         kept = salvage_map(tmp_path / "map.partial", tmp_path / f"mended_{number}")
         assert kept == number // 4 * 4 + 1

@@ -29,9 +29,8 @@ def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
     assert found[0].sphere_id == 100 + number
     assert abs((np.degrees(found[0].turn) - turn_deg + 180) % 360 - 180) <= 15  # a turn is told in tens of degrees
     assert found[0].log_chance < -20 < found[1].log_chance
-    assert [one.sphere_id for one in index.find(features, 9, without=[103])] == [
-        one.sphere_id for one in index.find(features, 9) if one.sphere_id != 103
-    ]
+    others = [one.sphere_id for one in index.find(features, 9) if one.sphere_id != 103]
+    assert [one.sphere_id for one in index.find(features, 9, without=[103])] == others
 
 
 def test_an_ordinary_image_finds_its_sphere(index):

@@ -54,8 +54,6 @@ def test_a_truncated_bag(bag, capsys, tmp_path):
 
 @pytest.fixture
 def parameters_of(monkeypatch):
-    """Parse a command line; return the node that would run and its parameters."""
-
     def given(command, *words):
         calls = []
 
@@ -95,13 +93,6 @@ def test_play(parameters_of):
     words = "drive --topics /a /b --rate 0 --start 3 --clock --paused --loop --wait-for /a"
     _, values = parameters_of(play, *words.split())
     expected = PlayerParams(
-        bag="drive",
-        topics="/a /b",
-        rate=0.0,
-        start=3.0,
-        clock=True,
-        paused=True,
-        loop=True,
-        wait_for="/a",
+        bag="drive", topics="/a /b", rate=0.0, start=3.0, clock=True, paused=True, loop=True, wait_for="/a"
     )
     assert build(PlayerParams, values) == expected

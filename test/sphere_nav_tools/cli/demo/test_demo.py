@@ -14,13 +14,7 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.cli.demo.demo import (
-    OTHER_DAY,
-    Demo,
-    has_ended,
-    new_folder,
-    result_table,
-)
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, has_ended, new_folder, result_table
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
 from sphere_nav_tools.cli.demo.plots import exaggerate
 from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from_path, drive_errors, find_map
@@ -83,13 +77,10 @@ def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(tmp_path):
     assert params.light.clouds == OTHER_DAY["light.clouds"]
 
 
-def test_a_drive_and_a_test_never_share_a_domain():
+def test_a_drive_and_a_test_never_share_a_domain_and_a_process_claims_each_once():
     assert not set(FOR_DRIVES) & set(FOR_TESTS)
     assert {0} < {0, *FOR_DRIVES, *FOR_TESTS} == set(range(100))
     assert int(os.environ["ROS_DOMAIN_ID"]) in FOR_TESTS
-
-
-def test_a_process_claims_each_domain_once():
     assert {claim_domain(range(210, 212)), claim_domain(range(210, 212))} == {210, 211}
     with pytest.raises(RuntimeError, match=r"expected one of range\(210, 212\) that is free, found all in use"):
         claim_domain(range(210, 212))

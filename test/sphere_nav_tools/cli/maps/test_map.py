@@ -203,8 +203,7 @@ def files(folder, number):
 
 
 @pytest.mark.parametrize(
-    ("second", "options", "limit"),
-    [("d{}.npy", (), 0.005), ("r{}.png", ("--baseline", BASELINE), 0.04)],
+    ("second", "options", "limit"), [("d{}.npy", (), 0.005), ("r{}.png", ("--baseline", BASELINE), 0.04)]
 )
 def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, capsys):
     for number in (0, 2):

@@ -1,6 +1,5 @@
 """The page's parts: what is heard, who confirms, what is told in words, what is drawn for one browser."""
 
-import json
 import re
 import sys
 from contextlib import nullcontext
@@ -17,29 +16,13 @@ from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import ground, simulator, words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
-from sphere_nav_tools.cli.operate.ground import add_colors, closed, ground_of
+from sphere_nav_tools.cli.operate.ground import add_colors, ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
 from sphere_nav_tools.cli.operate.places import network_of
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, timeline
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--token", "short"], "--token: expected 8 characters or more, found 5"),
-        (["--folder", "none"], "expected a folder"),
-    ],
-)
-def test_misuse_is_one_line(tmp_path, monkeypatch, capsys, words, message):
-    pytest.importorskip("viser")
-    monkeypatch.chdir(tmp_path)
-    assert main(["operate", *words]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, timeline
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
@@ -67,21 +50,6 @@ def test_state_reason_and_remedy_are_told():
     assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
 
 
-def test_the_page_speaks_of_its_buttons():
-    seen = Heard()
-    status = {"value": 0.0, "limit": 0.0, "progress": 0.0, "distance_to_end": 0.0}
-    for state, remedy, told in (
-        ("PAUSED", "call start", "&rarr; press resume"),
-        ("NO_PATH", "release the emergency stop, then call start", "then load a path or choose a place"),
-        ("STOPPED", "wait for TRACKING or call relocalize of the localiser, then call start", "is, then press start"),
-    ):
-        seen.hear("follower", SimpleNamespace(state=state, reason="OPERATOR", remedy=remedy, **status))
-        assert told in banner(seen)
-        assert "call" not in banner(seen).replace("localiser", "")
-    seen.say("load: call stop first")
-    assert "load: press stop first" in seen.lines[0]
-
-
 @pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
 def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch, later, is_told):
     seen = Heard()
@@ -90,17 +58,6 @@ def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch,
     monkeypatch.setattr(words.time, "monotonic", lambda: now + later)
     text = banner(seen)
     assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
-
-
-def test_places_are_the_points_with_a_name():
-    gate = {"type": "Feature", "properties": {"id": 3, "names": ["gate", "home"]}}
-    features = [gate | {"geometry": {"type": "Point", "coordinates": [1, 2]}}]
-    features += [{"type": "Feature", "properties": {"id": 7}, "geometry": {"type": "Point", "coordinates": [3, 4]}}]
-    features += [{"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": []}}]
-    found = places_of(json.dumps({"type": "FeatureCollection", "features": features}))
-    assert found == [("gate", 1.0, 2.0), ("home", 1.0, 2.0)]
-    with pytest.raises(ValueError, match="network: expected JSON"):
-        places_of("{")
 
 
 def test_an_uncertain_pose_is_drawn_two_deviations_wide_along_its_axes():
@@ -138,7 +95,6 @@ def test_an_old_status_does_not_confirm_a_new_command(monkeypatch, state, ages, 
 
 @pytest.fixture
 def ears():
-    """A link that hears, without a node."""
     link = Link.__new__(Link)
     link.seen = Heard()
     return link
@@ -218,15 +174,6 @@ def test_a_cell_has_the_mean_of_what_was_seen_there():
     assert sums.tolist() == [[9, 9, 9, 1], [0, 0, 0, 0], [40, 60, 80, 2], [7, 7, 7, 1]]
 
 
-def test_small_gaps_take_the_colour_beside_them_and_the_unseen_is_clear():
-    picture = np.zeros((40, 40, 4))
-    picture[5:20, 5:20] = (200, 100, 50, 1)
-    picture[12, 12] = 0
-    found = closed(picture)
-    np.testing.assert_allclose(found[12, 12], (200, 100, 50, 255), atol=2)
-    assert found[35, 35, 3] == 0
-
-
 def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(monkeypatch):
     nodes = [SimpleNamespace(id=x, T_map_sphere=SE3.from_planar(x, 0.0, 0.0)) for x in (0, 8)]
     seen = SimpleNamespace(points=lambda: (np.array([[1.0, 2.0, -1.0]]), np.array([[200, 100, 50]], np.uint8)))
@@ -276,8 +223,6 @@ def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_
 
 
 class Scene:
-    """Keeps what is added to it, as a browser would."""
-
     def __init__(self):
         self.added = []
 
@@ -293,11 +238,6 @@ class Scene:
 def chart():
     camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0), wxyz=(0.0, 1.0, 0.0, 0.0))
     return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
-
-
-def test_a_browser_that_comes_late_looks_from_above(chart):
-    camera = chart.client.camera
-    assert (camera.position, camera.look_at) == ((0.0, -0.5, 25.0), (0.0, 0.0, 0.0))
 
 
 def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
@@ -327,35 +267,6 @@ def test_the_way_ahead_begins_where_the_vehicle_is():
     assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
     assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
     assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
-
-
-def test_a_click_is_a_cross_and_a_drag_an_arrow_whose_head_is_at_its_end(chart):
-    chart.mark("click", [(2.0, 1.0)])
-    chart.mark("drag", [(0.0, 0.0), (4.0, 0.0)])
-    cross, arrow = (values["points"] for _, name, values in chart.client.scene.added if name in ("/click", "/drag"))
-    np.testing.assert_allclose(cross[:, 0, :2], [[1.4, 0.4], [2.6, 1.6], [2.0, 1.0], [2.6, 0.4]], atol=1e-6)
-    np.testing.assert_allclose(cross[-1, 1], [1.4, 1.6, 0.7], atol=1e-6)
-    np.testing.assert_allclose(arrow[:, 1, :2], [[4, 0], [3, 0.6], [4, 0], [3, -0.6]], atol=1e-6)
-
-
-def test_what_has_not_changed_is_drawn_once(chart):
-    seen, scene = Heard(), chart.client.scene
-    grids = [values["points"] for kind, _, values in scene.added if kind == "line_segments"]
-    assert [(len(one), np.abs(one).max()) for one in grids] == [(2 * 81, 40.0), (2 * 61, 300.0)]
-    seen.hear("path", np.column_stack([np.arange(11.0), np.zeros(11)]))
-    seen.hear("follower", SimpleNamespace(progress=4.0, state="DRIVING", reason=""))
-    seen.hear("spheres", np.array([[1.0, 2.0], [3.0, 4.0]]))
-    seen.hear("places", [words.Place("gate", 1.0, 2.0)])
-    seen.hear("odometry", [np.array([0.0, 0.0]), np.array([14.0, 2.0])])  # nobody localises
-    picture = ground.Ground(np.zeros((2, 2, 4)), (3.0, 4.0), (5.0, 6.0))
-    for _ in range(2):
-        chart.show(seen, picture, False)
-    names = [name for _, name, _ in scene.added]
-    drawn = ["/ground", "/path", "/ahead", "/driven", "/spheres", "/place_0", "/place_0/name", "/car"]
-    assert [names.count(name) for name in drawn] == [1] * 7 + [0]
-    told = {name: values for _, name, values in scene.added}
-    assert (told["/ground"]["position"], told["/ahead"]["points"][0, 0, 0]) == ((3.0, 4.0, -0.01), 4.0)
-    assert (told["/place_0"]["position"], chart._grid.position) == ((1.0, 2.0, 0.0), (10.0, 0.0, 0.0))
 
 
 def test_the_scale_is_of_a_round_length_and_its_arrow_points_to_y(chart):

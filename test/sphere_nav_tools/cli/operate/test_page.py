@@ -127,7 +127,6 @@ def follower(yard):
 
 @pytest.fixture
 def enter(yard):
-    """Return how a browser comes in."""
     clients = []
 
     def come():
@@ -144,7 +143,6 @@ def wait_until(holds):
 
 
 def ask_to_stop(yard):
-    """Ask as the button of the document does."""
     with urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S) as told:
         assert told.status == 200
 
@@ -310,7 +308,6 @@ def navigator(yard, follower):
 
 @pytest.fixture
 def command_line():
-    """Another client of the navigator."""
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("command_line", context=context)
@@ -349,7 +346,9 @@ def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
     wait_until(lambda: not link._cancels[0].service_is_ready())
 
 
-def test_stop_ends_a_mission_that_the_command_line_has_begun(yard, follower, navigator, command_line):
+def test_stop_ends_a_mission_of_the_command_line_and_is_confirmed_where_follower_and_navigator_both_have_stopped(
+    yard, follower, navigator, command_line, monkeypatch
+):
     command_line.wait_for_server(WAIT_S)
     sent = command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: navigator.asked == ["gate"] and sent.done())
@@ -358,13 +357,7 @@ def test_stop_ends_a_mission_that_the_command_line_has_begun(yard, follower, nav
     assert yard[1].command("stop") == "stop: STOPPED"
     wait_until(ended.done)
     assert (ended.result().status, ended.result().result.reason) == (GoalStatus.STATUS_CANCELED, "canceled")
-
-
-def test_stop_is_confirmed_only_where_follower_and_navigator_both_have_stopped(
-    yard, follower, navigator, command_line, monkeypatch
-):
     monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
-    command_line.wait_for_server(WAIT_S)
     command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: yard[1].seen.mission == "DRIVING")
     navigator.does_cancel = False

@@ -74,12 +74,6 @@ def test_a_browser_looks_where_its_camera_looks():
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
 
 
-def test_a_camera_is_told_where_it_is():
-    graph = SphereGraph([KeySphere(3, 0, SE3.from_planar(1.0, 2.0, 0.0)), KeySphere(7, 0, SE3.identity())])
-    told = server.whereabouts(graph, SE3.from_planar(1.0, 2.5, np.pi / 2) @ T_BODY_OPTICAL)
-    assert told == "x 1.0, y 2.5, z 0.0 m, looks 90 deg; 0.5 m from key sphere 3"
-
-
 def test_a_screenshot_has_the_field_of_view_of_its_width():
     for size, fov, focal in [("160x120", 90.0, 80.0), ("100x300", 2 * np.degrees(np.arctan(0.5)), 100.0)]:
         width, height = map(int, size.split("x"))
@@ -198,13 +192,6 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     client.gui.add_checkbox.return_value.value = False
     assert draw(False)
     assert client.scene.set_background_image.call_args.args == (None,)
-
-
-def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
-    slept, shots = [], [SimpleNamespace(stamp_ns=stamp) for stamp in (5 * 10**9, 7 * 10**9, 8 * 10**9)]
-    monkeypatch.setattr(view.time, "sleep", slept.append)
-    view.replay_drive(SimpleNamespace(shots=lambda: shots, camera=PINHOLE), MagicMock())
-    assert slept == pytest.approx([0.0, 2.0, 3.0], abs=0.5)
 
 
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]

@@ -35,7 +35,6 @@ def write_lines(path, lines):
 
 
 def imported(tmp_path, kind, folder):
-    """Run the command; return the messages by topic and the tree of frames."""
     assert main(["import", kind, str(folder), "-o", str(tmp_path / "bag")]) == 0
     with BagReader(tmp_path / "bag") as bag:
         topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
@@ -46,7 +45,6 @@ def imported(tmp_path, kind, folder):
 
 
 def pose(i):
-    """True pose of the body at instant i."""
     return SE3.exp([1.0 + i, 2.0, 0.5, 0.0, 0.0, 0.2])
 
 
@@ -97,9 +95,8 @@ def test_an_asl_folder_of_fisheyes_and_a_truth_with_gaps(tmp_path):
     recording = open_euroc(mav)
     assert isinstance(recording.views["left"].camera, Fisheye)
     assert recording.truth_name == "mocap0"
-    between = (
-        recording.instants[1].T_map_link @ T_BODY_OPTICAL
-    )  # the target was out of sight: between the rows before and after
+    # the target was out of sight: between the rows before and after
+    between = recording.instants[1].T_map_link @ T_BODY_OPTICAL
     np.testing.assert_allclose(between.translation, (pose(1) @ T_BODY_LEFT).translation, atol=1e-3)
 
 
@@ -113,14 +110,12 @@ def four_seasons(folder):
     matrix = SE3.from_parts(np.eye(3), [0.3, 0.0, 0.0]).matrix
     stereo = [" ".join(map(str, row)) for row in matrix]
     write_lines(folder.parent / "calibration" / "undistorted_calib_stereo.txt", stereo)
-    write_lines(
-        folder / "times.txt", [f"{s} {s * 1e-9:.9f} 1.5" for s in [*STAMPS, START + 9 * STEP]]
-    )  # one image is lost
+    # one image is lost
+    write_lines(folder / "times.txt", [f"{s} {s * 1e-9:.9f} 1.5" for s in [*STAMPS, START + 9 * STEP]])
     return folder
 
 
 def transformations(T_e_gpsw, T_w_gpsw, T_S_AS):
-    """Return the lines of Transformations.txt."""
     lines = []
     named = {"transform_S_AS": T_S_AS, "TS_cam_imu": T_BODY_LEFT, "transform_w_gpsw": T_w_gpsw,
              "transform_gps_imu": SE3.identity(), "transform_e_gpsw": T_e_gpsw}  # fmt: skip

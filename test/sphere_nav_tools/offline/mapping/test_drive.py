@@ -139,9 +139,8 @@ def test_a_motion_contradicts_the_survey_once_in_ten_thousand_by_chance():
             edges = [Edge(k, k + 1, SE3.identity(), np.diag(1 / SIGMA**2)) for k in range(3)]
             graph = SphereGraph([KeySphere(k, k, SE3.identity()) for k in range(4)], edges)
             off = SE3.exp(xi)
-            found = check_survey(
-                graph, graph.with_poses({0: off, 1: off, 2: off}), "drive"
-            )  # the last motion alone is off
+            # the last motion alone is off
+            found = check_survey(graph, graph.with_poses({0: off, 1: off, 2: off}), "drive")
             assert bool(found) == is_named
             if is_named:
                 meters, radians = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
@@ -162,7 +161,6 @@ def test_a_survey_is_refused_when_more_than_half_of_the_motions_contradict(num_w
         assert line.count(" to ") == 3  # the worst by name
 
 
-# Written out: imported, a change would go unseen.
 CAMERA = Spherical(128, 64)
 SECOND = 1_000_000_000
 
@@ -195,9 +193,6 @@ def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_t
     found = place_start(SimpleNamespace(graph=SphereGraph(nodes)), (3.5, 4.5, -1.0), T_base_sphere)
     expected = SE3.from_angles(0.0, 0.1, -1.0, [3.5, 4.5, 0.7])
     np.testing.assert_allclose((found @ T_base_sphere.inverse()).matrix, expected.matrix, atol=1e-9)
-
-
-# Written out: imported, a change would go unseen.
 
 
 def test_a_right_pair_is_left_alone(tmp_path):

@@ -61,7 +61,6 @@ def drives(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def joint(drives, tmp_path_factory):
-    """The second drive joined to the map of the first one, all key spheres kept."""
     folder, taught = tmp_path_factory.mktemp("joint"), drives / "taught" / "map.mcap"
     before = taught.read_bytes()
     words = ("--extend", drives / "taught", "--trajectory", folder / "west.tum", *SETTINGS, *ALL_KEPT)

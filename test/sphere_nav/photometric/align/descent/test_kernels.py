@@ -16,24 +16,15 @@ def T(rng):
     return SE3.exp(rng.normal(size=6) * 0.4)
 
 
-@pytest.fixture
-def system(rng):
-    A = rng.normal(size=(8, 20)) * 10.0 ** rng.integers(-3, 4, (8, 1))
-    return A @ A.T, rng.normal(size=8)
-
-
 def rows_of(T):
     return np.ascontiguousarray(T.matrix[:3])
 
 
-def test_exponential_is_that_of_se3(rng):
+def test_motions_are_those_of_se3(T, rng):
     for size in [0.0, 1e-6, 1e-3, 0.5, 3.0]:
         xi = rng.normal(size=6)
         xi *= size / np.linalg.norm(xi)
         assert np.abs(kernels.exponential(xi) - SE3.exp(xi).matrix[:3]).max() < 1e-12
-
-
-def test_motions_are_inverted_and_composed(T, rng):
     other = SE3.exp(rng.normal(size=6))
     assert np.abs(kernels.invert(rows_of(T)) - T.inverse().matrix[:3]).max() < 1e-12
     assert np.abs(kernels.compose(rows_of(T), rows_of(other)) - (T @ other).matrix[:3]).max() < 1e-12
@@ -55,8 +46,9 @@ def test_by_camera_says_how_an_increment_of_the_camera_moves_the_reference(T):
     assert not A[6:, :6].any()
 
 
-def test_the_gradient_advances_by_h_times_the_increment(T, system, rng):
-    H, g = system
+def test_the_gradient_advances_by_h_times_the_increment(T, rng):
+    A = rng.normal(size=(8, 20)) * 10.0 ** rng.integers(-3, 4, (8, 1))
+    H, g = A @ A.T, rng.normal(size=8)
     whole = np.block([[H, g[:, None]], [g[None], np.full((1, 1), 3.0)]])
     sums, xi = np.zeros(NUM_SUMS), rng.normal(size=8)
     sums[:45], sums[45:] = whole[np.triu_indices(9)], (7.0, 5.0)
@@ -99,10 +91,8 @@ def test_examine_compares_all_pixels_in_pieces(rng):
     assert count == kernels.num_pieces(case.blocks.size // (7 * 256)) > 4
     assert np.isnan(pieces[0, count:]).all()
     found, scale = pieces[0, :count].sum(axis=0), np.sqrt(np.diag(expected))
-    difference = found[:45] - expected[np.triu_indices(9)]
-    assert (
-        np.abs(difference / np.outer(scale, scale)[np.triu_indices(9)]).max() < 0.01
-    )  # a quarter of the blocks: sigma
+    difference = (found[:45] - expected[np.triu_indices(9)]) / np.outer(scale, scale)[np.triu_indices(9)]
+    assert np.abs(difference).max() < 0.01  # a quarter of the blocks: sigma
     assert facts[0, kernels.NUM_VISIBLE] == pytest.approx(visible, abs=10)
     assert facts[0, kernels.NUM_INLIERS] == pytest.approx(inliers, rel=0.02)
     assert facts[0, kernels.MEDIAN] == pytest.approx(median, abs=0.1 * mad)

@@ -1,1 +1,0 @@
-"""Maps: what their parts measure."""
