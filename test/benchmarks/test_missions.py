@@ -5,7 +5,6 @@ from itertools import permutations
 import numpy as np
 
 from benchmarks.drive.mission_town import PLACES, tour_network
-from benchmarks.drive.missions import Taught
 from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
