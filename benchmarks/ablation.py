@@ -61,17 +61,12 @@ FAULTS, JUDGE, TRACK = ("safety", "localizer_faults"), "dense_localizer.judge", 
 MECHANISMS = {
     "joined": Mechanism(*FAULTS, ("dense_localizer.motion_prior.Prediction.join",), lambda _, *measured: measured),
     "last_image": Mechanism(*FAULTS, (f"{TRACK}.visual_odometry.VisualOdometry._propagate",), _nothing),
-    "support": Mechanism(*FAULTS, (f"{TRACK}.visual_odometry.VisualOdometry._supports",), lambda *_: True),
     "otherwise": Mechanism(*FAULTS, (f"{TRACK}.candidates._ask_otherwise",), lambda candidate, *_: candidate),
-    "turns": Mechanism(
-        *FAULTS, tuple(f"{TRACK}.inter_frame.InterFrame.{name}" for name in ("refine", "measure")), _nothing
-    ),
+    "turns": Mechanism(*FAULTS, (f"{TRACK}.inter_frame.InterFrame.refine",), _nothing),
     "biases": Mechanism(
         *FAULTS, (f"{JUDGE}.integrity.remove_bias",), lambda alignment, _: (alignment, np.zeros((6, 6)))
     ),
-    "parts_of_views": Mechanism(
-        *FAULTS, (f"{JUDGE}.integrity.align_by_parts",), lambda alignment, *_: (alignment, 1.0)
-    ),
+    "parts_of_views": Mechanism(*FAULTS, (f"{JUDGE}.integrity.align_by_parts",), lambda alignment, *_: alignment),
     "masks": Mechanism(*FAULTS, (f"{JUDGE}.view_mask.ViewMask.observe",), _nothing),
     "delays": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._find_delay",), lambda _: FINE),
     "places": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._check_place",), _nothing),
