@@ -5,6 +5,9 @@ import pytest
 
 from sphere_nav.geometry import SE3, FrameMotion, Pinhole
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
+from sphere_nav.photometric.checks.support import NO_SUPPORT
 from worlds.room import BESIDE, structure_of, views_of
 
 PARAMS = RegistrationParams(max_pixels=10_000)
@@ -31,3 +34,14 @@ def test_the_gradients_of_a_rolling_shutter_agree_when_its_motion_is_known(room,
     alignment = register(pyramid, views, BESIDE, PARAMS, motion)
     found = structure_of(pyramid, views, alignment, PARAMS, motion)
     assert found.agreement > structure_of(pyramid, views, alignment, PARAMS).agreement
+
+
+def test_how_likely_a_place_is_is_asked_of_a_good_alignment_too_and_moves_no_pose(room, views):
+    pyramid = build_pyramid(room.photograph(CAMERA, BESIDE, 1), CAMERA, PARAMS.pyramid)
+    alignment = register(pyramid, views, BESIDE, PARAMS)
+    seen = [RigImage(pyramid, views=tuple(views))]
+    place, fit = (find_rig_structure(seen, alignment, PARAMS, aspects=one) for one in (Aspect.PLACE, Aspect.FIT))
+    assert place.chance < 1e-7 < fit.chance == 1.0
+    assert place.support is fit.support is NO_SUPPORT
+    wrong = replace(alignment, T_world_camera=BESIDE @ SE3.exp([0.5, 0.2, 0.0, 0.0, 0.3, 0.0]))
+    assert find_rig_structure(seen, wrong, PARAMS, aspects=Aspect.PLACE).chance > 0.01
