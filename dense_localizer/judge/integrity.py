@@ -131,8 +131,8 @@ class Integrity:
         found = structure or Structure()
         is_by_parts = is_by_parts or found.support.chance <= MAX_PREDICTED_CHANCE
         is_proven = is_by_parts or found.chance <= MAX_PREDICTED_CHANCE
-        judged = {"is_biased": is_biased, "is_by_parts": is_by_parts, "is_proven": is_proven}
-        return PoseCandidate(pose, covariance, *evidence, **judged)
+        candidate = PoseCandidate(pose, covariance, *evidence, is_biased=is_biased)
+        return replace(candidate, is_by_parts=is_by_parts, is_proven=is_proven)
 
     def _look_at(
         self,
