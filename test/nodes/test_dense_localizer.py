@@ -84,10 +84,10 @@ class Bench:
 def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
     bench = Bench(map_path)
     answers = bench.follow(pictures)
-    for answer in answers[:3]:  # probation
+    for answer in answers[:1]:  # probation
         assert set(answer) == {"/status", "/residual"}
         assert answer["/status"].state == "PROBATION"
-    for k, answer in enumerate(answers[3:], start=3):
+    for k, answer in enumerate(answers[1:], start=1):
         assert set(answer) == {"/pose", "/odometry", "/tf", "/status", "/residual"}
         assert answer["/status"].state == "TRACKING"
         stamp = START_NS + (k + 1) * STEP_NS

@@ -103,7 +103,7 @@ def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     images = list(drives[1].images())
     assert len(images) == len(drives[1].explained)
     assert all(one.image.shape == (120, 160) and one.camera == PINHOLE for one in images)
-    assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
+    assert np.array_equal(images[0].image, in_light(pictures[1]))  # after probation
 
 
 def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
