@@ -20,6 +20,7 @@ from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_me
 
 from .patience import Patience
 
+ANSWER_S = 5.0  # for the answer to a request
 PERIOD = 0.1  # s between two poses
 CRUISE = 1.4  # m/s
 
@@ -112,9 +113,12 @@ class Base:
             self.poses.publish(message)
 
     def ask(self):
-        """Ask for the drive once a second; keep the last answer."""
+        """Ask for the drive once a second, again where no answer comes: DDS may lose one. Keep the last answer."""
         if self._call is not None and self._call.done():
             self.answer, self._call = self._call.result().message, None
+        if self._call is not None and time.monotonic() - self._asked > ANSWER_S:
+            self.start.remove_pending_request(self._call)
+            self._call = None
         if self._call is None and time.monotonic() - self._asked > 1.0 and self.start.service_is_ready():
             self._call, self._asked = self.start.call_async(Trigger.Request()), time.monotonic()
 
