@@ -3,18 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim import geometry_cloud
 from cycab_sim.simulator import Simulator
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
-
-
-def test_a_cloud_needs_a_spacing():
-    for spacing in [0.0, float("nan")]:
-        with pytest.raises(ValueError, match="spacing: expected a distance above 0 m"):
-            geometry_cloud(3, spacing, "corridor")
 
 
 def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):

@@ -223,9 +223,3 @@ def test_how_well_a_taught_drive_was_localised_goes_along(tmp_path):
     assert map_id == "hall"
     assert drive.deviation == pytest.approx(0.03)
     assert np.median(drive.curve.speed) == pytest.approx(1.0, rel=0.02)
-
-
-def test_a_file_that_cannot_be_driven_is_named(tmp_path):
-    (tmp_path / "d.csv").write_text("0,0\n0.1,0\n")
-    with pytest.raises(ValueError, match=r"d\.csv: path: expected a length of 0\.2"):
-        read_drives(tmp_path / "d.csv", FollowerParams())

@@ -117,9 +117,7 @@ def test_stamps_belong_together_within_ten_milliseconds_and_truth_spans_a_second
         if is_paired:
             assert evaluate_poses(late, STRAIGHT).report["n"] == 50
         else:
-            with pytest.raises(
-                ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"
-            ):
+            with pytest.raises(ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s"):
                 evaluate_poses(late, STRAIGHT)
     sparse = STRAIGHT[np.array([0, 9, 20, 49])]  # gaps of 0.9, 1.1 and 2.9 s
     found = evaluate_poses(STRAIGHT, sparse, is_interpolated=True)

@@ -110,12 +110,9 @@ FRONT = {"image_raw": "/front/image_raw"}
 @pytest.mark.parametrize(
     ("streams", "wanted", "chosen", "message"),
     [
-        (COLOR, RGBD, {}, "expected depth images (--depth), found /camera"),
         (COLOR, STEREO, {}, "expected images of a left camera with images of the right camera beside it (--left, --ri"),
         ([*COLOR, REAR], ("image_raw",), {}, "expected one choice of images, found 2: /camera/camera/color/image_raw;"),
-        (COLOR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
         (COLOR, ("image_raw",), {"image_raw": "/camera/camera/colour/image_raw"}, f"is {COLOR[0].topic} meant?"),
-        (COLOR, ("image_raw",), {"image_raw": COLOR[1].topic}, "expected images, found sensor_msgs/msg/CameraInfo"),
         ([COLOR[0]], MONO, {}, f"camera_info of {COLOR[0].topic} (640 x 480), found none; choose it by --info"),
         ([BAD, COLOR[1]], ("image_raw",), FRONT, "image_raw: /front/image_raw (encoding: expected better)"),
         ([COLOR[0], K_0], MONO, {}, f"{COLOR[1].topic}: K[0]: found focal length 0"),
