@@ -31,5 +31,5 @@ def test_numbers_of_a_parameter_keep_each_to_its_own_bounds_and_others_are_refus
         refusal = pytest.raises(ValueError, match=f"^it: expected a,b within 0,-3 to 4,5, found '{text}'$")
         with nullcontext() if is_taken else refusal:
             assert split_numbers("it", text, "a,b", (0, -3), (4, 5)) == tuple(map(float, text.split(",")))
-    with pytest.raises(ValueError, match="light.sun: expected azimuth,elevation within .* found '0,2.9'"):
+    with pytest.raises(ValueError, match=r"light\.sun: expected azimuth,elevation within .* found '0,2\.9'"):
         _ = LightParams(sun="0,2.9").sun_deg

@@ -70,6 +70,7 @@ def gray() -> Any:
     return c.array_to_image(np.zeros((5, 7), np.uint8), 1, "a", "mono8")
 
 
+PNG = cv2.imencode(".png", DEPTH.astype(np.uint8))[1].tobytes()
 CLOUD = c.cloud_to_message(np.zeros((5, 3)), 0, "map")
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "skewed camera": (lambda: c.camera_from_info(info(k={1: 0.1})), "K: expected no skew"),
@@ -88,6 +89,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "image of short rows": (lambda: c.image_to_array(changed(gray(), step=6)), "step: expected at least 7"),
     "image of more rows": (lambda: c.image_to_array(changed(gray(), height=6)), "data: expected 42 bytes"),
     "sphere of another code": (lambda: c.message_to_sphere(bare_sphere(range_encoding="32FC1")), "expected log16"),
+    "sphere of no picture": (lambda: c.message_to_sphere(bare_sphere(image_encoding="tiff")), "mono8, rgb8 or png"),
+    "sphere of other size": (lambda: c.message_to_sphere(bare_sphere(image_encoding="png", image=PNG)), "found 3 x 2"),
     "sphere of few pixels": (lambda: c.message_to_sphere(bare_sphere(image=bytes(9))), "image: expected 2048 bytes"),
     "sphere of few ranges": (lambda: c.message_to_sphere(bare_sphere(range=bytes(9))), "range: expected 4096 bytes"),
     "depth of nothing": (lambda: images.decompress(CompressedImage(format="16UC1; compressedDepth", data=bytes(12))),

@@ -113,9 +113,7 @@ def test_a_pose_of_another_frame_than_its_path_is_refused(tmp_path):
 
 def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
     for text, message in [
-        ("x,y\n", "path.csv: expected points, found none"),
         ("0,0\n1,nan\n", "path.csv:2: y: expected a finite number, found 'nan'"),
-        ("0,0\n1\n", "path.csv:2: expected 2 columns, found 1"),
         ("0,0\n0,0\n", "path.csv: path: expected a length of 0.2 to 100000 m, found 0 m"),
     ]:
         (tmp_path / "path.csv").write_text(text)

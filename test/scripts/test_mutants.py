@@ -1,4 +1,4 @@
-"""Faults put into the code: each kind, what is left alone, the sample, which tests, what counts as noticed."""
+"""Faults put into the code: each kind, what is left alone, and how it is told."""
 
 import ast
 import sys

@@ -85,8 +85,6 @@ def test_a_depth_or_deviation_of_another_kind_or_size_is_refused():
     for kind in (np.float32, np.float64):
         check_depth(np.ones((8, 16), kind), CAMERA)
     Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1))
-    with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
-        Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
     with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.0))
 

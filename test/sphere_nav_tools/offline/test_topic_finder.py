@@ -255,10 +255,9 @@ def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
 
 
 def test_a_driver_that_is_named_is_found_below_one_namespace_alone():
-    arguments = SimpleNamespace(driver="realsense", image="/front/color/image_raw")
     front, rear = (streams_of(read_driver("realsense"), name) for name in ("front", "rear"))
     finder = finder_of(front)
-    assert finder.of_driver(arguments.driver)["depth/image_raw"] == "/front/aligned_depth_to_color/image_raw"
+    assert finder.of_driver("realsense")["depth/image_raw"] == "/front/aligned_depth_to_color/image_raw"
     with pytest.raises(BagError, match=r"drive: driver realsense: expected one camera, found /front, /rear"):
         finder_of([*front, *rear]).of_driver("realsense")
     with pytest.raises(BagError, match=r"drive: driver zed: expected .*, found "):

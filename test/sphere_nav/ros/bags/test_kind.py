@@ -59,6 +59,11 @@ def test_files_are_unpacked_and_packed_messages_stay(bag, mode, name, content):
     assert not view.path.exists()
 
 
+def test_a_description_leads_to_no_file_beside_the_bag(bag):
+    with pytest.raises(BagError, match="expected zero, found no such file"):
+        PlainView(bag, DESCRIPTION | {"relative_file_paths": ["../../a.db3.zstd", "/dev/zero"]})
+
+
 def test_every_type_of_a_set_exists_and_what_belongs_to_it():
     for kind in sorted(set().union(*SETS.values()) - {"ackermann_msgs/msg/AckermannDriveStamped"}):
         assert message_class(kind)
