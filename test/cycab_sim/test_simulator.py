@@ -99,9 +99,6 @@ def test_teleporting_moves_the_car_and_not_the_odometry(simulator):
     np.testing.assert_array_equal(simulator.odometry.pose, pose)
     with pytest.raises(ValueError, match="teleport: expected finite numbers"):
         simulator.teleport(float("nan"), 0.0, 0.0)
-    for place, speed in ((1.7e308, 0.0), (0.0, 1.7e308)):
-        with pytest.raises(ValueError, match="teleport: expected at most 1e\\+06 m and 100 m/s"):
-            simulator.teleport(place, 0.0, 0.0, speed)
 
 
 @pytest.fixture(scope="module")

@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import RayScene, mesh_from_faces
-from mcl_depth.geometry.pcd import read_pcd
-from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.splats import Splats
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.params import SynthesisParams
 
 PARAMS = SynthesisParams(num_columns=72)
-
-
-def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"something else entirely")
-    for read in (read_las, read_pcd, read_ply):
-        with pytest.raises(ValueError, match=r"header: expected .*found"):
-            read(tmp_path / "a")
 
 
 def test_one_point_and_one_triangle_lie_where_they_are() -> None:

@@ -65,19 +65,6 @@ def test_a_path_that_cannot_be_driven_is_refused_in_one_line(kit):
         assert "\n" not in str(caught.value)
 
 
-def test_a_path_that_is_no_round_is_refused_as_a_closed_one(kit):
-    for points, found in [
-        ([(0, 0), (5, 0), (5, 0), (0, 0)], "expected three points or more of a closed path, found 2"),
-        (
-            [(900.0 * i, 0.001 * i * i) for i in range(3)],
-            r"expected the last point at most 1000 m from the first, found 1800 m",
-        ),
-    ]:
-        with pytest.raises(ValueError, match=found):
-            kit.make_path(points, PARAMS, is_closed=True)
-        assert kit.make_path(points[:2], PARAMS).length > 1.0
-
-
 def test_taught_speeds_come_from_stamps_and_do_not_see_noise(kit):
     poses = with_noise(kit.course((20, 0)))
     stamps = (np.arange(len(poses)) * 0.05 / 1.1 * 1e9).astype(np.int64)  # 1.1 m/s

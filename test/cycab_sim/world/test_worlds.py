@@ -3,18 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim import geometry_cloud
 from cycab_sim.simulator import Simulator
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
-
-
-def test_a_cloud_needs_a_spacing():
-    for spacing in [0.0, float("nan")]:
-        with pytest.raises(ValueError, match="spacing: expected a distance above 0 m"):
-            geometry_cloud(3, spacing, "corridor")
 
 
 def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):
@@ -40,14 +33,12 @@ def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
     assert GroundProfile().follow(planar, 1.2, 1.2) is planar
 
 
-def test_the_block_is_closed_and_other_names_are_refused():
+def test_the_block_is_closed():
     plan = draw_plan(2)
     path = taught_path(plan, "block")
     start, end = path.at(np.array([0.0, path.length - 1e-9]))
     np.testing.assert_allclose(end[:2], start[:2], atol=1e-6)
     assert path.length > 120.0
-    with pytest.raises(ValueError, match="two_turns, block, straight, found 'moon'"):
-        taught_path(plan, "moon")
 
 
 SNAKE = Path((1.0, 2.0, 0.3), (Piece(5.0), turn(4.0, 90), Piece(3.0), turn(6.0, -45), Piece(2.0)))

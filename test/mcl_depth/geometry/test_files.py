@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import nullcontext
 from pathlib import Path
 
 import laspy
@@ -97,10 +98,9 @@ def test_a_pcd_holds_numbers_of_any_size_beside_the_points(tmp_path: Path) -> No
     head += f"TYPE {' '.join(kind[0].upper() for kind in kinds)}\nWIDTH 3\nHEIGHT 1\nDATA binary\n"
     (tmp_path / "a.pcd").write_bytes(head.encode() + rows.tobytes())
     np.testing.assert_array_equal(read_geometry(tmp_path / "a.pcd").points[:, 2], [1, -3, 7])
-    for other in ("f2", "i3"):
-        (tmp_path / "b.pcd").write_bytes(pcd("binary").replace(b"SIZE 4", f"SIZE {other[1]}".encode()))
-        with pytest.raises(ValueError, match="of known size"):
-            read_geometry(tmp_path / "b.pcd")
+    (tmp_path / "b.pcd").write_bytes(pcd("binary").replace(b"SIZE 4", b"SIZE 2"))
+    with pytest.raises(ValueError, match="of known size"):
+        read_geometry(tmp_path / "b.pcd")
 
 
 def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
@@ -209,10 +209,8 @@ def test_points_alone_in_their_cubic_metre_are_no_map(num_lonely, extent, is_ref
 def test_a_map_may_be_as_far_away_as_twenty_times_its_width(far, width, is_refused) -> None:
     side = np.linspace(0.0, width, 50)
     points = np.column_stack([side - far, side, np.zeros(50)])
-    if is_refused:
-        with pytest.raises(ValueError, match="expected coordinates within 100000 m of the origin, found 101000"):
-            cloud_from_points(points)
-    else:
+    far_off = pytest.raises(ValueError, match="expected coordinates within 100000 m of the origin, found 101000")
+    with far_off if is_refused else nullcontext():
         assert len(cloud_from_points(points)) == 50
 
 
@@ -234,11 +232,8 @@ def test_a_header_ends_within_64_kib(tmp_path: Path) -> None:
     first, rest = FILES["a.pcd"].split(b"\n", 1)
     for length, is_read in ((65_000, True), (66_000, False)):
         (tmp_path / "a.pcd").write_bytes(first + b"\n#" + b" " * length + b"\n" + rest)
-        if is_read:
+        with nullcontext() if is_read else pytest.raises(ValueError, match="header"):
             assert len(read_geometry(tmp_path / "a.pcd").points) == 3
-        else:
-            with pytest.raises(ValueError, match="header"):
-                read_geometry(tmp_path / "a.pcd")
 
 
 def write_lying_tile(path: Path, *lies: tuple[str, int, int, int]) -> None:

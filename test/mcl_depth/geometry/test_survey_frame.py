@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from itertools import product
 from pathlib import Path
 
@@ -86,9 +87,7 @@ def test_a_point_far_outside_of_all_others_is_refused_before_it_tells_unit_axis_
             if far == 5e2:
                 assert find_frame(stray, SurveyParams(unit="m", up="z"), "a").words == ""
                 continue
-            with pytest.raises(
-                ValueError, match=r"a: points: expected one place, found 99\.9% in a width .*: cut it off"
-            ):
+            with pytest.raises(ValueError, match=r"a: points: expected one place, found 99\.9% in a width"):
                 find_frame(stray, SurveyParams(), "a")
 
 
@@ -104,10 +103,7 @@ def test_something_stands_on_three_of_a_thousand_squares() -> None:
         x, y = np.meshgrid(np.linspace(0.0, 100.0, 200), np.linspace(0.0, 100.0, 200))
         poles = np.arange(number)[:, None] * [4.0, 3.0, 0.0] + [2.0, 2.0, 3.0]
         points = np.concatenate([np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()]), poles])
-        if is_refused:
-            with pytest.raises(ValueError, match="walls or the like"):
-                find_frame(points, SurveyParams(), "a")
-        else:
+        with pytest.raises(ValueError, match="walls or the like") if is_refused else nullcontext():
             assert find_frame(points, SurveyParams(), "a").words == ""
 
 

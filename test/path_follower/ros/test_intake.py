@@ -98,14 +98,11 @@ def test_a_source_in_doubt_is_answered_at_once(bus):
         assert said["/path_follower/status"].reason == reason
 
 
-def test_a_direction_of_another_frame_is_refused(bus):
+def test_a_direction_of_another_frame_is_refused_and_poses_are_not_listened_to(bus):
     direction(bus, 0.0, SECOND, "map")
     told = next(item for item in bus.nodes[0].inputs if item.topic == "homing/direction")
     assert "header.frame_id: expected 'base_link', found 'map'" in told.last_refusal
     assert bus.nodes[0].loop.follower.direction is None
-
-
-def test_poses_are_not_listened_to_while_homing(bus):
     bus.deliver("/pose", se3_to_pose_with_covariance(SE3.identity(), np.eye(6), SECOND, "map"))
     assert list(bus.settle()) == []
 

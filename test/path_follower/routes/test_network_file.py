@@ -98,7 +98,6 @@ def edge_of(whole):
 BROKEN = {
     "expected format 'sphere_nav routes' version 1": lambda w: w["network"].update(version=2),
     "expected a number that is not taken": lambda w: w["features"].append(w["features"][0]),
-    "expected columns of one length": lambda w: edge_of(w)["curve"]["x"].pop(),
     "expected points at most 1.0 m apart": lambda w: edge_of(w)["curve"]["x"].__setitem__(5, 99.0),
     "expected nodes that exist, found 999": lambda w: edge_of(w).update(endid=999),
     "expected its curve to end at node": lambda w: edge_of(w).update(endid=edge_of(w)["startid"]),
@@ -163,7 +162,6 @@ BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
     "expected format 'sphere_nav mission' version 2": {"version": 7},
     "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
-    "driven: expected a finite number": {"driven": "nan"},
 }
 
 
@@ -195,7 +193,7 @@ def write_csv(path, poses, speed=0.8):
     return path
 
 
-def test_a_drive_forward_and_back_is_two_drives(tmp_path, kit):
+def test_a_drive_forward_and_back_is_two_drives_and_so_is_a_reversible_one(tmp_path, kit):
     file = write_csv(tmp_path / "d.csv", kit.course((10, 0), (-6, 0.1)))
     drives, map_id = read_drives(file, FollowerParams())
     assert map_id == "campus"
@@ -208,9 +206,6 @@ def test_a_drive_forward_and_back_is_two_drives(tmp_path, kit):
         assert (ahead > 0).all()
         assert drive.curve.speed == pytest.approx(0.8)
         assert np.isnan(drive.deviation).all()
-
-
-def test_reversible_drives_count_both_ways(tmp_path, kit):
     drives, _ = read_drives(write_csv(tmp_path / "d.csv", kit.course((10, 0))), FollowerParams(), is_reversible=True)
     assert [drive.direction for drive in drives] == [1, -1]
 
@@ -223,9 +218,3 @@ def test_how_well_a_taught_drive_was_localised_goes_along(tmp_path):
     assert map_id == "hall"
     assert drive.deviation == pytest.approx(0.03)
     assert np.median(drive.curve.speed) == pytest.approx(1.0, rel=0.02)
-
-
-def test_a_file_that_cannot_be_driven_is_named(tmp_path):
-    (tmp_path / "d.csv").write_text("0,0\n0.1,0\n")
-    with pytest.raises(ValueError, match=r"d\.csv: path: expected a length of 0\.2"):
-        read_drives(tmp_path / "d.csv", FollowerParams())

@@ -56,18 +56,11 @@ def test_what_is_missing_is_told_by_the_name_of_the_camera():
     for views, said in (
         ([], "expected a 6x4 chessboard in some images, found none in any"),
         (good, "camera b: expected a 6x4 chessboard in some of its images, found none"),
-        (
-            [*good, *(seen_by("b", n) for n in range(3))],
-            "camera b: expected a board in at least 4 of its images, found 3",
-        ),
         ([*good, *(seen_by("b", n, 8 - (n == 2)) for n in range(4))], "in at least 4 of its images, found 3"),
     ):
         with pytest.raises(ValueError, match=said):
             check_views(["a", "b"], [BOARD], views)
     bad = seen_by("a", 9)
     bad.pixels[3, 1] = np.nan
-    strange = BoardView("a", "9", "c", np.arange(24), np.zeros((24, 2)))
-    short = BoardView("a", "9", "b", np.arange(24), np.zeros((23, 2)))
-    for view in (bad, strange, short):
-        with pytest.raises(ValueError, match=f"view {view.label}: expected finite corners of a known board"):
-            check_views(["a"], [BOARD], [*good, view])
+    with pytest.raises(ValueError, match=f"view {bad.label}: expected finite corners of a known board"):
+        check_views(["a"], [BOARD], [*good, bad])

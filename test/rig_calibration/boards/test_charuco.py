@@ -124,8 +124,5 @@ def test_a_dictionary_must_be_there_and_hold_the_markers():
     charuco.check(replace(BOARDS[0], first_marker=250 - 17))
     with pytest.raises(ValueError, match="dictionary: expected 251 markers for 6x4 corners, found 250"):
         charuco.check(replace(BOARDS[0], first_marker=250 - 16))
-    for name in ("DICT_NONE", "ArucoDetector"):
-        with pytest.raises(
-            ValueError, match=f"board 'b0': dictionary: expected a name such as DICT_4X4_250, found '{name}'"
-        ):
-            charuco.check(replace(BOARDS[0], dictionary=name))
+    with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
+        charuco.check(replace(BOARDS[0], dictionary="ArucoDetector"))

@@ -36,6 +36,6 @@ def test_a_type_that_is_not_installed_and_what_is_no_name():
         with pytest.raises(ValueError, match=f"{name}: definition not found"):
             schema_text(name)
         assert type_hash(name) == ""
-    for name in ["Image", "sensor_msgs/Image", "a/b/../c", "../../etc/passwd/x"]:
+    for name in ["sensor_msgs/Image", "../../etc/passwd/x"]:
         with pytest.raises(ValueError, match="message type: expected package/msg/Type"):
             message_class(name)

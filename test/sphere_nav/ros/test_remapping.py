@@ -19,10 +19,8 @@ def check(node, *rules, name="", namespace="/", heard=None, flag="-r"):
     ("node", "rule", "hint"),
     [
         ("dense_localizer", "imge_raw:=/front/image_raw", r"imge_raw \(is image_raw meant\?\)"),
-        ("dense_localizer", "/qqq:=/x", "qqq"),
         ("path_follower", "~/strat:=go", r"path_follower/strat \(is path_follower/start meant\?\)"),
         ("path_follower", "path_follower:scann:=/x", r"scann \(is scan meant\?\)"),
-        ("mcl_depth", "rostopic://clod:=/x", r"clod \(is cloud meant\?\)"),
     ],
 )
 def test_a_name_that_no_node_has_is_refused_with_the_nearest(node, rule, hint):

@@ -46,7 +46,7 @@ def test_a_stamp_outside_of_what_was_heard(tree):
     tree.lookup("base_link", "camera", 99 * SECOND)  # static ones hold always
 
 
-def test_frames_that_are_unknown_unconnected_or_of_two_parents_and_bad_numbers_are_refused(tree):
+def test_frames_that_are_unknown_unconnected_or_of_two_parents_are_refused(tree):
     with pytest.raises(TransformError, match="frame lidar: expected one of base_link, camera, map, odom, found none"):
         tree.lookup("map", "lidar")
     tree.add(se3_to_transform(SE3.identity(), 0, "other", "lidar"), is_static=True)
@@ -56,10 +56,6 @@ def test_frames_that_are_unknown_unconnected_or_of_two_parents_and_bad_numbers_a
         tree.add(se3_to_transform(SE3.identity(), 0, "map", "camera"))
     with pytest.raises(ValueError, match="expected two frames"):
         tree.add(se3_to_transform(SE3.identity(), 0, "map", "map"))
-    message = se3_to_transform(SE3.identity(), 0, "map", "new")
-    message.transform.translation.x = float("nan")
-    with pytest.raises(ValueError, match=r"transform map -> new\.position: expected finite"):
-        tree.add(message)
 
 
 def test_a_transform_from_before_the_clock_jumped_places_nothing(tree):

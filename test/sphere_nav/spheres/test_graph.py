@@ -44,14 +44,11 @@ def test_with_poses_moves_some_and_keeps_the_rest():
 def test_what_does_not_fit_is_refused():
     graph, still = SphereGraph(LINE[:2]), SE3.identity()
     for ask, reason in [
-        (lambda: graph.with_poses({5: still}), "expected one of 2 in the graph, found 5"),
         (lambda: graph.with_poses({1: SE3(np.full((4, 4), np.nan))}), "pose: expected finite"),
         (lambda: graph.add(LINE[1]), "expected a new id, found 1 again"),
         (lambda: graph.add(node(5, np.nan, 0.0, 0.0)), "pose: expected finite"),
         (lambda: graph.connect(Edge(0, 7, still, np.eye(6))), "edge 0-7: expected both ends in the graph, found no 7"),
-        (lambda: graph.connect(Edge(1, 1, still, np.eye(6))), "found 1 twice"),
         (lambda: Edge(0, 1, still, np.full((6, 6), np.inf)), "information: expected finite 6 x 6"),
-        (lambda: graph[77], "expected one of 2 in the graph, found 77"),
     ]:
         with pytest.raises(ValueError, match=reason):
             ask()

@@ -60,12 +60,9 @@ def test_bad_images_are_refused_in_one_line():
     for image, range_m, message in [
         (gray()[:4], plane(), "sphere image: expected 16 x 8 uint8, grey or RGB, found 16 x 4 uint8"),
         (gray().astype(np.float32), plane(), "sphere image: .* found 16 x 8 float32"),
-        (np.zeros((8, 16, 4), np.uint8), plane(), "sphere image: .* found 16 x 8 x 4 uint8"),
         (gray(), plane().astype(np.float64), "sphere range: expected 16 x 8 float32, found 16 x 8 float64"),
         (gray(), plane(-1.0), "sphere range: expected positive metres, NaN or \\+Inf, found -1.0"),
         (gray(), plane(0.0), "sphere range: expected positive metres"),
-        (gray(), plane(-np.inf), "sphere range: expected positive metres"),
-        (np.zeros((), np.uint8), plane(), "sphere image: .* found a scalar uint8"),
     ]:
         with pytest.raises(ValueError, match=message) as caught:
             Sphere(image, range_m, CAMERA)
@@ -88,8 +85,6 @@ def test_a_depth_or_deviation_of_another_kind_or_size_is_refused():
     for kind in (np.float32, np.float64):
         check_depth(np.ones((8, 16), kind), CAMERA)
     Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1))
-    with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
-        Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
     with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.0))
 

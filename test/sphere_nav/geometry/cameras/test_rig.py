@@ -26,7 +26,6 @@ def test_what_is_no_rig_and_a_name_that_does_not_fit_into_a_topic_are_refused():
         ([], "expected at least one"),
         ([("a", ""), ("a", "")], "expected different names, found a, a"),
         ([("a", "top"), ("b", "")], "level: expected top and bottom"),
-        ([("a", "top"), ("b", "top")], "level: expected top and bottom"),
     ]:
         with pytest.raises(ValueError, match=match):
             Rig(tuple(part(*words) for words in parts))

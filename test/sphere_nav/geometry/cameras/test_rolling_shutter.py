@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Fisheye, FrameMotion, OCam, Omni, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Fisheye, FrameMotion, OCam, Omni, Pinhole
 from sphere_nav.geometry.cameras.lens import J_lens, camera_of, first_lens, lens_of
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 
@@ -55,8 +55,3 @@ def test_a_lens_is_the_camera_and_has_the_derivatives_that_it_says(camera, rng):
     radius = {"pinhole": np.tan(0.8), "omni": 2.0 * np.tan(0.4)}.get(camera.model, 0.8)
     found, _ = start.project([np.sin(0.8), 0.0, np.cos(0.8)])
     np.testing.assert_allclose(found, [321.0 + 300.0 * radius, 238.0], rtol=2e-3)
-
-
-def test_a_sphere_is_no_lens():
-    with pytest.raises(ValueError, match="model: expected one of pinhole, fisheye, omni, ocam"):
-        lens_of(Spherical(64, 32))

@@ -58,8 +58,6 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
             read_bytes(tmp_path / name, "table", 100)
     with pytest.raises(ValueError, match="expected a table, found a folder"):
         read_text(tmp_path, "table")
-    with pytest.raises(ValueError, match="expected a table, found no such file"):
-        read_text(tmp_path / "fifo" / "beneath", "table")
 
 
 def test_an_array_is_read_and_a_damaged_one_is_named(tmp_path):

@@ -86,11 +86,8 @@ def test_listeners_that_are_waited_for_hold_the_start_and_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"bag": ""}, "bag: expected a folder or an .mcap file to play, found none"),
         ({"bag": "nowhere"}, "nowhere: expected a bag .*, found none"),
-        ({"topics": "/other"}, "expected topic /other, found"),
         ({"start": 9.0}, r"start: expected at most 5\.000 s"),
-        ({"wait_for": "text:two"}, "wait_for: expected NAME or NAME:NUMBER, found 'two'"),
         ({"wait_for": "latched", "topics": "text"}, "latched: expected a topic that is played"),
     ],
 )

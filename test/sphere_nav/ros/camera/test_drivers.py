@@ -11,7 +11,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
+from sphere_nav.ros.camera.drivers import INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
 from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
@@ -75,24 +75,6 @@ def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):
     path.write_text(yaml.safe_dump(content))
     assert topics_by_driver(str(path)) == {"image_raw": "head/image_raw", "camera_info": "head/camera_info"}
     assert topics_by_driver("") == {}
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"input": "lidar"}, "input: expected rgbd, stereo, mono, panorama, found 'lidar'"),
-        ({"topics": 3}, "topics: expected dict, found 3"),
-        ({"rate": 3}, f"expected only {', '.join(FIELDS)}, found"),
-    ],
-)
-def test_a_file_that_is_none_is_refused_by_name(tmp_path, change, said):
-    path = tmp_path / "own.yaml"
-    path.write_text(yaml.safe_dump(yaml.safe_load((FILES / "usb_cam.yaml").read_text()) | change))
-    with pytest.raises(ValueError, match=r"own\.yaml") as caught:
-        read_driver(str(path))
-    assert said in str(caught.value)
-    with pytest.raises(ValueError, match=r"expected one of azure_kinect, .* found 'kinekt'"):
-        read_driver("kinekt")
 
 
 def test_a_node_hears_the_driver_unless_a_topic_is_remapped():

@@ -1,5 +1,6 @@
 """CameraInfo and camera models say the same, or it is refused."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +26,7 @@ def test_what_cannot_be_a_camera_is_refused_and_a_sphere_has_no_camera_info():
         ({"k": [0.0] * 9}, r"front: K\[0\]: expected a calibrated camera, found focal length 0"),
         ({"k": [float("nan"), 0.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: focal length: expected positive"),
         ({"distortion_model": "omni"}, "distortion_model: expected plumb_bob, .*equidistant, found 'omni'"),
-        ({"distortion_model": "equidistant", "d": [0.1]}, "D: expected 4 coefficients of equidistant, found 1"),
         ({"distortion_model": "equidistant", "d": [0.1] * 5}, "D: expected at most 4 coefficients .*anew with 4"),
-        ({"width": 2**32 - 1}, "front: camera size: .* found 4294967295 x 4"),
     ]:
         with pytest.raises(ValueError, match=reason):
             camera_from_info(changed(**fields))
@@ -62,11 +61,8 @@ def test_a_rectification_is_a_rotation_to_a_thousandth_and_none_is_no_turn():
     for stretch, is_rotation in [(1.0004, True), (1.0006, False), (0.9994, False)]:
         turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         info = changed(r=(stretch * turn).ravel().tolist())
-        if is_rotation:
+        with nullcontext() if is_rotation else pytest.raises(ValueError, match="front: R: expected a rotation"):
             np.testing.assert_allclose(rectification_of(info), stretch * turn)
-        else:
-            with pytest.raises(ValueError, match="front: R: expected a rotation"):
-                rectification_of(info)
     np.testing.assert_array_equal(rectification_of(changed(r=[0.0] * 9)), np.eye(3))
     with pytest.raises(ValueError, match="R: expected a rotation"):
         rectification_of(changed(r=np.diag([1.0, 1.0, -1.0]).ravel().tolist()))

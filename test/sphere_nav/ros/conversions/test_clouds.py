@@ -57,18 +57,6 @@ def test_another_layout(rng, order, kind, datatype):
     np.testing.assert_array_equal(message_to_cloud(message), points.reshape(-1, 3))
 
 
-def test_a_cloud_that_contradicts_itself_is_refused():
-    for change, reason in [
-        (lambda m: setattr(m, "width", 6), "cloud data: expected 1 rows of 60 bytes"),
-        (lambda m: setattr(m.fields[2], "name", "i"), r"expected a field of numbers 'z', found \['i', 'x', 'y'\]"),
-        (lambda m: setattr(m.fields[1], "offset", 10), "cloud field y: expected to end within 12 bytes"),
-    ]:
-        message = cloud_to_message(np.zeros((5, 3)), 0, "map")
-        change(message)
-        with pytest.raises(ValueError, match=reason):
-            message_to_cloud(message)
-
-
 def sample(rng, number=7, **changed):
     rays = rng.normal(size=(number, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -79,15 +67,10 @@ def sample(rng, number=7, **changed):
 
 
 def test_what_does_not_fit_or_is_no_feature_is_refused(rng):
-    for field, value, reason in [
-        ("width", 8, "expected 1168 bytes"),
-        ("fields", [], "expected \\['x'"),
-        ("data", b"", "found 0"),
-    ]:
-        message = features_to_message(*sample(rng), 5, "sphere_link")
-        setattr(message, field, value)
-        with pytest.raises(ValueError, match=reason):
-            message_to_features(message)
+    message = features_to_message(*sample(rng), 5, "sphere_link")
+    message.width = 8
+    with pytest.raises(ValueError, match="expected 1168 bytes"):
+        message_to_features(message)
     for changed, reason in [
         ({"rays": np.full((7, 3), np.nan, np.float32)}, "unit vectors"),
         ({"range_m": np.full(7, -1.0, np.float32)}, "positive metres"),

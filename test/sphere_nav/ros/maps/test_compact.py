@@ -27,15 +27,6 @@ def test_spheres_come_back_as_they_were_put(rng):
     np.testing.assert_allclose(found.range_m, range_m, rtol=1.1e-4)
 
 
-def test_what_is_no_sphere_is_refused_when_it_is_put():
-    message = sphere_to_message(Sphere(np.ones((4, 8), np.uint8), np.ones((4, 8), np.float32), Spherical(8, 4)), "")
-    message.image = message.image[:-1]
-    with pytest.raises(ValueError, match="image: expected 32 bytes"):
-        CompactSpheres().add(serialize_to_store(message))
-    with pytest.raises(ValueError, match="expected sphere_nav_msgs/msg/AugmentedSphere"):
-        CompactSpheres().add(b"nothing of the kind")
-
-
 def test_features_come_back_as_they_were_put(rng):
     kept, put = CompactFeatures(), {}
     for sphere_id, number in ((7, 5), (3, 0), (9, 2)):

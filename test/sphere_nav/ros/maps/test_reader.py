@@ -182,12 +182,7 @@ def test_a_map_that_contradicts_itself_is_refused(saved, tmp_path, change, reaso
 
 
 @pytest.mark.parametrize(
-    ("fields", "reason"),
-    [
-        ({"id": 99}, "expected sphere 11, found 99"),
-        ({"image_encoding": "gif"}, "key sphere 11: image_encoding: expected"),
-        ({"range": b"\x00"}, "key sphere 11: range: expected 480 bytes, found 1"),
-    ],
+    ("fields", "reason"), [({"id": 99}, "sphere 11, found 99"), ({"range": b"\x00"}, "key sphere 11: range: expected")]
 )
 def test_a_sphere_that_is_wrong_is_refused_when_it_is_read(saved, tmp_path, fields, reason):
     def change(topic, message):

@@ -7,21 +7,8 @@ import pytest
 
 from sphere_nav_tools.cli.operate import teaching
 from sphere_nav_tools.cli.operate.teaching import Teaching
+from worlds.page_client import RECORDER
 from worlds.patience import wait_until
-
-RECORDER = """
-import pathlib, signal, sys, time
-bag = pathlib.Path(sys.argv[1]); partial = bag.with_name(bag.name + '.partial')
-partial.mkdir(); (partial / 'a.mcap').write_bytes(b'0' * 2000000)
-
-def end(*_):
-    partial.rename(bag)
-    sys.exit(print('[INFO] [1.5] [bag_recorder]: 82 messages'))
-
-signal.signal(signal.SIGINT, end)
-print('ready', flush=True)
-time.sleep(60)
-"""
 
 
 def wait_for(holds):

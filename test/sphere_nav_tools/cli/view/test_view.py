@@ -97,9 +97,8 @@ def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
     np.testing.assert_allclose(begin("1,2,3,40,-20,10").matrix, expected.matrix, atol=1e-12)
     with pytest.raises(ValueError, match="expected one of them, found both"):
         begin("1,2,3,4", 7)
-    for text in ("1,2,3", "1,2,3,4,5,6,7", "1,2,3,inf"):
-        with pytest.raises(ValueError, match="--pose: expected x,y,z,yaw"):
-            begin(text)
+    with pytest.raises(ValueError, match="--pose: expected x,y,z,yaw"):
+        begin("1,2,3")
 
 
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]

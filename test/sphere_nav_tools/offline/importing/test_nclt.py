@@ -1,10 +1,7 @@
 """A session of NCLT in small, made as its documentation says."""
 
-from itertools import islice
-
 import cv2
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.files.rig_file import read_rig
@@ -88,18 +85,3 @@ def test_a_rig_of_nclt_looks_ahead_and_up(tmp_path):
     mask = cv2.imread(rig.camera("cam5").mask, cv2.IMREAD_GRAYSCALE)
     assert mask.shape == (HEIGHT, WIDTH)
     np.testing.assert_array_equal(np.argwhere(mask == 255).max(axis=0), [HEIGHT - 17, WIDTH - 18])  # 15 px less
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("cam_params/K_cam0.csv", "1,2,3\n", r"K_cam0.csv: expected 3 x 3 numbers, found 1 x 3"),
-        ("U2D/U2D_Cam5_1616X1232.txt", "-\n0 1 0 1\n0 0 0 0\n", "expected a line for each pixel, row by row, found 2"),
-        (f"2012-01-08/velodyne_sync/{STAMPS_US[1]}.bin", "?", r"bin: expected points of 8 bytes, found 1 bytes"),
-    ],
-)
-def test_files_of_another_form_are_refused(tmp_path, name, text, message):
-    folder = session(tmp_path / "2012-01-08")
-    (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match=message):
-        list(islice(open_nclt(folder).frame(1), 2))  # the pose, the points

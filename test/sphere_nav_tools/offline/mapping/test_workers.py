@@ -49,9 +49,7 @@ def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
         raise OSError(f"timed out after {timeout:g} s")
 
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=refuse))
-    with pytest.raises(
-        ValueError, match=r"^--scheduler tcp://nowhere:1: expected a Dask scheduler, found none: timed out"
-    ):
+    with pytest.raises(ValueError, match=r"^--scheduler tcp://nowhere:1: expected a Dask scheduler, found none: timed"):
         Workers(scheduler="tcp://nowhere:1")
 
 
