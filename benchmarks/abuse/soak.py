@@ -180,7 +180,8 @@ def judge(log: Path) -> Report:
         told = f"{memory[0] / 1024.0:.1f} – {memory[-1] / 1024.0:.1f}", f"{growths[-1]:.2f}"
         share = 100.0 * (cpu[-1] - cpu[0]) / (times[-1] - times[0])
         rows.append((name, *told, *(f"{first} – {last}" for first, last in ends), f"{share:.1f}"))
-    of = Headline("times and memory", f"{len(names)} processes, {times[-1] / 60.0:.0f} minutes")
+    minutes = times[-1] / 60.0
+    of = Headline("times and memory", f"{len(names)} processes, {minutes:.0f} minutes") if minutes > 5.0 else None
     grown = used[-1]["shared_bytes"] - used[0]["shared_bytes"]
     report.bounds += [
         Bound("growth of memory, largest of all processes", 1.0, max(growths), "MB/h", headline=of),

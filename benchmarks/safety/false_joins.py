@@ -35,7 +35,7 @@ from sphere_nav.spheres.sphere import Sphere
 from worlds.submaps import images_of
 
 CAMERAS = {"whole": Spherical(256, 128), "window": Spherical(160, 110, 512.0, 176.0, 60.0)}
-NUM_PAIRS = {"quick": 20, "full": 1000}  # half of them in the next town
+NUM_PAIRS = {"quick": 14, "full": 1000}  # half of them in the next town
 SAME_EVERY = 10  # one of so many pairs is of one place
 NUM_SPHERES, STEP_M = 4, 1.0  # of a map and of a drive
 ASIDE_M, TURNED_RAD = 0.4, 0.15  # of a drive beside a map: standard deviations
