@@ -13,6 +13,7 @@ from sphere_nav.ros.conversions import (
     camera_to_info,
     odometry_to_se3,
     pose_with_covariance_to_se3,
+    se3_to_odometry,
     se3_to_pose_with_covariance,
     se3_to_transform,
     stamp_ns,
@@ -111,6 +112,18 @@ def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
     assert answers[-1]["/odometry"].twist.covariance[0] > 0
     drifting, sure = (answers[-1][topic].pose.covariance[0] for topic in ("/odometry", "/pose"))
     assert drifting > sure > 0  # the drift of the map is in it
+
+
+def test_wheels_carry_a_camera_beside_the_base_through_the_dark(map_path, pictures):
+    bench = Bench(map_path)
+    for k, pose in enumerate(drive(12)):
+        T_odom_base, now = pose @ T_BASE_CAMERA.inverse(), bench.now + STEP_NS
+        wheels = se3_to_odometry(T_odom_base, 1e-6 * np.eye(6), now, ("odom", "base_link"), np.zeros(6))
+        bench.send("/odom", wheels)
+        answer = bench.see(pictures[k] if k < 8 else np.zeros_like(pictures[k]))
+    T_map_base, _ = pose_with_covariance_to_se3(answer["/pose"], "map")
+    assert answer["/status"].state == "DEGRADED"
+    assert T_map_base.distance(T_odom_base) < (0.02, 0.02)
 
 
 @pytest.mark.parametrize(("use_depth", "state"), [(True, "TRACKING"), (False, "DEGRADED")])

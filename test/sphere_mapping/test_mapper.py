@@ -50,6 +50,12 @@ def errors(updates, truth):
     return np.array([T.distance(update.T_map_sphere) for T, update in zip(truth, updates, strict=True)])
 
 
+def test_a_map_that_begins_knows_no_features_of_what_was_before():
+    kept = {7: None}
+    Mapper(features=kept)
+    assert not kept
+
+
 def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     truth, spheres = drive
     mapper, updates = mapped(spheres, truth[0])

@@ -54,6 +54,15 @@ def test_a_cloud_that_cannot_be_read_leaves_the_present_one_and_only_the_log_say
     assert node.clouds.geometry is before
 
 
+def test_another_cloud_is_made_ready_anew(node, tmp_path, caplog):
+    caplog.set_level("INFO")
+    for side in (3.0, 4.0):
+        np.save(tmp_path / f"{side}.npy", np.random.default_rng(1).uniform(0.0, side, (500, 3)))
+        loaded(node, tmp_path / f"{side}.npy")
+        node.clouds.make_filter(1.0)
+    assert caplog.text.count("places are made ready") == 2
+
+
 def test_a_pose_is_published_as_latitude_and_longitude_where_the_system_is_known(tmp_path):
     points = np.random.default_rng(1).uniform((-4, -3, 0), (4, 3, 2), (500, 3))
     np.save(tmp_path / "room.npy", points + np.array([500_000.0, 4_982_950.4, 120.0]))

@@ -1,14 +1,20 @@
 """What the images leave open is said, and only that; what they determine scatters as the report promises."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from rig_calibration.boards import observability
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.observability import motion
+from rig_calibration.boards.state import SHARED
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.cameras.lens import NUM_LENS
 from sphere_nav.geometry.cameras.rig import Rig
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 
 
@@ -53,3 +59,20 @@ def test_errors_scatter_as_the_report_promises():
         values.append(error @ np.linalg.solve(found.spread.poses[1], error))
     # the sum of three is chi-squared with 18 degrees of freedom: within 5.5 and 40 in 99.6 of 100 cases
     assert 5.5 < sum(values) < 40.0
+
+
+def test_what_is_weak_is_told_in_the_axes_of_the_rig(monkeypatch):
+    """Weakest along the optical axis, 20 deg about it: of a camera that looks ahead these are x and roll."""
+    count = SHARED
+    variance = np.full(count, 1e-6)
+    variance[NUM_LENS + np.array([2, 5])] = 0.01, np.radians(20.0) ** 2
+    monkeypatch.setattr(observability, "information", lambda *_: np.diag(1.0 / variance))
+    seen = SimpleNamespace(instant=np.zeros(1, int), view=np.zeros(100, int))
+    problem = SimpleNamespace(is_free=np.ones(count, bool), seen=seen)
+    state = SimpleNamespace(T_rig_camera=SE3(T_BODY_OPTICAL.matrix[None]))
+    found = observability.spread(problem, state, np.ones((100, 2)), np.ones(100))
+    np.testing.assert_allclose(found.pose_std[0, [1, 2]] / found.pose_std[0, 0], 0.01)
+    np.testing.assert_allclose(found.pose_std[0, [4, 5]] / found.pose_std[0, 3], 1e-3 / np.radians(20.0))
+    lines = observability.warnings(("front",), found, SE3(np.stack([np.eye(4)] * 2)))
+    assert ["x (forward)" in lines[0], "roll (about x)" in lines[1]] == [True, True]
+    assert len(lines) == 3
