@@ -308,18 +308,22 @@ def test_a_scanner_sees_a_post_where_it_is_however_it_is_mounted(roll, yaw, plac
     np.testing.assert_allclose(node.loop.follower.watch.points, [place], atol=1e-6)
 
 
-@pytest.mark.parametrize("roll", [0.0, np.pi])
+@pytest.mark.parametrize(("roll", "sense"), [(0.0, 1.0), (np.pi, 1.0), (0.0, -1.0)])
 @pytest.mark.parametrize("is_ahead", [False, True])
-def test_a_turned_scanner_that_is_blind_where_the_vehicle_drives_is_none(roll, is_ahead):
-    """What is ahead of a vehicle is 0.6 rad to the right of a scanner that looks to the left; turned over, left."""
+def test_a_turned_scanner_that_is_blind_where_the_vehicle_drives_is_none(roll, sense, is_ahead):
+    """What is ahead of a vehicle is 0.6 rad to the right of a scanner that looks to the left; turned over, left.
+
+    sense: counts clockwise where it is negative.
+    """
     bus, node = follower_bus()
     mount(bus, roll, yaw=0.6)
     x = drive(bus, node, 2)
     scan(bus, 41 * [np.inf])
     drive(bus, node, 1, x=x)
     is_right_blind = (roll == 0.0) == is_ahead
-    angles = np.linspace(-1.0, 1.0, 41)
-    scan(bus, np.where((angles < -0.1) if is_right_blind else (angles > 0.1), np.nan, np.inf))
+    angles = sense * np.linspace(-1.0, 1.0, 41)
+    fields = {"angle_min": -sense, "angle_max": sense, "angle_increment": 0.05 * sense}
+    scan(bus, np.where((angles < -0.1) if is_right_blind else (angles > 0.1), np.nan, np.inf), **fields)
     assert ("of the way ahead measured" in node.loop.follower.watch.scan_refusal) == is_ahead
 
 
