@@ -133,6 +133,13 @@ def test_a_camera_that_fails_is_named_and_the_other_goes_on(map_path, pictures):
     assert bench.node.reports["camera front"][0] == 0
 
 
+def test_where_every_camera_fails_images_are_answered_by_what_is_wrong(map_path, pictures):
+    halves = {name: [image[: len(image) // 2] for image in images] for name, images in pictures.items()}
+    status = Bench(map_path).see(halves, 0)["/status"]
+    assert status.reason == "BAD_INFO"
+    assert "camera front" in status.remedy or "camera back" in status.remedy
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [

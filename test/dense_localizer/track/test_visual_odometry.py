@@ -126,3 +126,11 @@ def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room
     first = next(k for k, estimate in enumerate(told) if estimate.status.state is State.LOST)
     assert 1.0 < 0.05 * first < 1.6  # a metre, half a second without anything
     assert told[first].T_map_camera is None
+
+
+def test_a_way_by_images_alone_drifts_with_its_length():
+    way = Way(SE3.identity(), np.zeros((6, 6)), 0)
+    for k in range(10):
+        way = way.add_step(SE3.from_planar(k, 0.0, 0.0), SE3.from_planar(k + 1.0, 0.0, 0.0), np.zeros((6, 6)))
+    sigma = np.sqrt(np.diag(way.covariance_at(SE3.from_planar(10.0, 0.0, 0.0))))
+    np.testing.assert_allclose(sigma, np.repeat([0.2, 0.04], 3))  # 2 % and 4 mrad a metre
