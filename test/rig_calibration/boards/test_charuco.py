@@ -115,11 +115,6 @@ def test_edges_of_markers_do_not_bend_the_corners():
     assert np.abs(off).max() < 0.1
 
 
-def markers(*numbers):
-    corners = tuple(np.full((1, 4, 2), float(number), np.float32) for number in numbers)
-    return charuco.Markers(corners, np.array(numbers, np.int32))
-
-
 def test_a_dictionary_must_be_there_and_hold_the_markers():
     charuco.check(replace(BOARDS[0], first_marker=250 - 17))
     with pytest.raises(ValueError, match="dictionary: expected 251 markers for 6x4 corners, found 250"):
