@@ -225,11 +225,12 @@ def _check_pose(T_map_camera: SE3, covariance: Array, prediction: Prediction, pa
     """
     certainty = _check_certainty(covariance, params)
     distance = 0.0 if prediction.is_guess else prediction.distance(T_map_camera, covariance)
-    if distance > GOOD_INNOVATION or not _conclude(certainty).is_good:  # joining costs as much as all these checks
+    is_far = distance > GOOD_INNOVATION
+    if is_far or not _conclude(certainty).is_good:  # joining costs as much as all these checks
         certainty = _check_certainty(prediction.join(T_map_camera, covariance)[1], params)
     if prediction.is_guess:
         return certainty
-    if distance > GOOD_INNOVATION:
+    if is_far:
         detail = "{}: far from the prediction, it may have slipped"
         certainty = [
             replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail)) for check in certainty

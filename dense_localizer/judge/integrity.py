@@ -115,8 +115,7 @@ class Integrity:
         is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or not usual_ncc or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         # No grey levels pull a pose that they have not given.
-        due = self.find_due(state)
-        due = Aspect.FIT if is_by_parts else due | EVERYTHING if is_unusual else due
+        due = Aspect.FIT if is_by_parts else self.find_due(state) | (EVERYTHING if is_unusual else NOTHING)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
             structure = self._look_at(images, alignment, prediction, motion, due)

@@ -9,7 +9,13 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.constants import MIN_COARSE_PIXELS, NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
+from dense_localizer.constants import (
+    FORWARD_STEP,
+    MIN_COARSE_PIXELS,
+    NUM_COARSE_LEVELS,
+    NUM_COVERAGE_POINTS,
+    NUM_LAID_OUT,
+)
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
 from sphere_nav.photometric.constants import CONTRAST_ANGLE
@@ -35,6 +41,11 @@ class CoarseReference:
         sphere = load()
         finite = sphere.range_m[np.isfinite(sphere.range_m)]
         return CoarseReference(sphere.camera, float(np.median(finite)) if finite.size else np.inf, load, params)
+
+    @property
+    def step_m(self) -> float:
+        """How far before and behind its middle a camera is looked for, too; 0 without any range."""
+        return FORWARD_STEP * self.typical_range_m if np.isfinite(self.typical_range_m) else 0.0
 
     @cached_property
     def reference(self) -> Reference:

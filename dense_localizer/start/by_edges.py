@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dense_localizer.constants import FORWARD_STEP, NUM_BY_EDGES, NUM_HEADINGS, NUM_LAID_OUT
+from dense_localizer.constants import NUM_BY_EDGES, NUM_HEADINGS, NUM_LAID_OUT
 from dense_localizer.references.recognition import find_body_axes
 from dense_localizer.references.reference import References
 from dense_localizer.start.guesses import Guess, select_best
@@ -54,9 +54,8 @@ class EdgeSearch:
 
     def _step(self, guess: Guess, ahead: Array) -> list[Guess]:
         """Return a guess, and the same behind and before it by a share of the range."""
-        pose, range_m = guess.T_map_camera, self._references.coarse[guess.node.id].typical_range_m
-        reach = FORWARD_STEP * (range_m if np.isfinite(range_m) else 0.0)
-        steps = (pose @ SE3.from_parts(np.eye(3), meters * ahead) for meters in (0.0, -reach, reach))
+        pose, step_m = guess.T_map_camera, self._references.coarse[guess.node.id].step_m
+        steps = (pose @ SE3.from_parts(np.eye(3), meters * ahead) for meters in (0.0, -step_m, step_m))
         return [Guess(guess.node, one, guess.score) for one in steps]
 
 

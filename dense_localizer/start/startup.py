@@ -16,7 +16,6 @@ import numpy as np
 
 from dense_localizer.constants import (
     CLEAR_LEAD,
-    FORWARD_STEP,
     MAX_GUESS_M,
     MAX_PITCH_RAD,
     NUM_ALIGNED,
@@ -177,9 +176,8 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     else:
         azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
-    reach = FORWARD_STEP * (coarse.typical_range_m if np.isfinite(coarse.typical_range_m) else 0.0)
     azimuth, elevation, forward = (
-        axis.ravel() for axis in np.meshgrid(azimuths, elevations, reach * np.arange(-1, 2), indexing="ij")
+        axis.ravel() for axis in np.meshgrid(azimuths, elevations, coarse.step_m * np.arange(-1, 2), indexing="ij")
     )
     zero = np.zeros_like(azimuth)
     turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
