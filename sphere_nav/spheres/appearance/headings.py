@@ -78,28 +78,43 @@ def cut_view(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> Parted
 
 
 def rank_headings(view: PartedView, panorama: Floats, count: int) -> list[Heading]:
-    """Return the likeliest headings of a view in one sphere, the likeliest first, all of them apart."""
-    likeness = score_headings(view, panorama)
-    found: list[Heading] = []
+    """Return the likeliest headings of a view in one sphere, the likeliest first, all of them apart.
+
+    A turn is as likely anywhere within the reach of its cells; where the middle one of them lies is the heading.
+    """
+    if not len(view.norm):
+        return []
+    by_cell, found = _compare(view, panorama), list[Heading]()
+    likeness, beside = _within_reach(by_cell), np.arange(-CELL_REACH[0], CELL_REACH[0] + 1)
     for _ in range(count):
         turn = int(np.argmax(likeness))
         if not np.isfinite(likeness[turn]):
             break
-        found.append(Heading(-turn * TURN_RAD, float(likeness[turn])))
+        shifts = beside[np.argmax(by_cell[:, (turn + beside) % GRID_WIDTH], axis=1)]
+        found.append(Heading(-(turn + float(np.median(shifts))) * TURN_RAD, float(likeness[turn])))
         likeness[np.arange(turn - APART_TURNS, turn + APART_TURNS + 1) % GRID_WIDTH] = -np.inf
     return found
 
 
 def score_headings(view: PartedView, panorama: Floats) -> Floats:
     """Return how alike a view is (W,) when it is turned by so many columns to the right."""
-    from scipy.ndimage import maximum_filter1d  # what only reads bags does without it
-
     if not len(view.norm):
         return np.full(GRID_WIDTH, -np.inf, np.float32)
+    return _within_reach(_compare(view, panorama))
+
+
+def _compare(view: PartedView, panorama: Floats) -> Floats:
+    """Return how alike each cell is (cells, W), turned by so many columns, a row or two above or below."""
     scores = np.zeros((len(view.norm), 2 * CELL_REACH[1] + 1, GRID_WIDTH), np.float32)
     score_turns(view.row, view.column, view.direction, view.cell, CELL_REACH[1], panorama, scores)
-    best = maximum_filter1d(scores.max(axis=1), 2 * CELL_REACH[0] + 1, axis=1, mode="wrap")
-    return np.asarray(np.mean(best / view.norm[:, None], axis=0))
+    return np.asarray(scores.max(axis=1) / view.norm[:, None])
+
+
+def _within_reach(by_cell: Floats) -> Floats:
+    """Return how alike a view is (W,) whose cells may each lie a few columns beside their place."""
+    from scipy.ndimage import maximum_filter1d  # what only reads bags does without it
+
+    return np.asarray(np.mean(maximum_filter1d(by_cell, 2 * CELL_REACH[0] + 1, axis=1, mode="wrap"), axis=0))
 
 
 def _draw(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> tuple[Floats, Floats]:

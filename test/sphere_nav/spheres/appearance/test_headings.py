@@ -56,6 +56,12 @@ def test_a_camera_beside_the_middle_of_the_sphere_finds_its_heading():
     assert found.score > 0.46  # 0.4 where no cell may lie beside its place
 
 
+def test_a_narrow_camera_finds_its_heading_within_the_reach_of_its_cells():
+    camera, yaws = Pinhole(320, 240, 600.0, 600.0, 159.5, 119.5), (0.1, 0.8, -1.2)
+    found = (likeliest(ROOM.photograph(camera, turned(yaw)), camera)[0] for yaw in yaws)
+    assert max(off(one, yaw) for one, yaw in zip(found, yaws, strict=True)) < 0.05  # 0.10: anywhere within it
+
+
 @pytest.mark.parametrize(("roll", "pitch"), [(0.6, 0.0), (0.0, 0.5)])
 def test_a_tilted_camera_is_drawn_upright(roll, pitch):
     T_level_camera = SE3.from_angles(roll, pitch, 0.0, np.zeros(3)) @ T_BODY_OPTICAL
