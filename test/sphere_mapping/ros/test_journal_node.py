@@ -90,6 +90,15 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
         assert len(reader.graph) == len(whole.graph)
 
 
+def test_key_spheres_that_the_disk_did_not_take_are_still_there(tmp_path, told):
+    (tmp_path / "maps").write_text("no folder")
+    journal, sphere = journal_in(tmp_path / "maps", told), wide_room().sphere(PLACES[0], CAMERA, 0)
+    for number in range(2):
+        journal.add(KeySphere(number, number, PLACES[0]), sphere)
+    assert [journal.load(number) for number in range(2)] == [sphere, sphere]
+    assert len(told) == 1
+
+
 def test_a_journal_is_on_disk_from_the_first_key_sphere_on_until_all_is_in_a_map(tmp_path, told):
     journal, graph = journal_in(tmp_path, told), SphereGraph([KeySphere(0, 1, PLACES[0])])
     journal.tell(graph)
