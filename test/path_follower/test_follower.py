@@ -78,17 +78,6 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
     assert drive.worst < worst
 
 
-@pytest.mark.slow
-def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns):
-    noisy = two_turns + np.random.default_rng(0).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
-    drive = kit.follow(noisy, start=tuple(two_turns[0]))
-    assert_arrived(drive)
-    assert drive.rmse < 0.01
-    clean = np.array([pose[:2] for pose in drive.poses])
-    distance = np.min(np.hypot(*(clean[:, None] - two_turns[None, ::2, :2]).transpose(2, 0, 1)), axis=1)
-    assert np.sqrt(np.mean(distance**2)) < 0.03  # against the true course, half a step of it included
-
-
 def test_an_offset_at_the_start_goes_without_overshoot(kit):
     drive = kit.follow(kit.course((25, 0)), start=(0, 0.5, 0))
     assert_arrived(drive)
