@@ -33,14 +33,12 @@ def assert_arrived(drive):
 @pytest.mark.parametrize(
     ("pieces", "bound"),
     [
-        (((20, 0),), 0.005),
         (((5, 0), (6, 0.2), (6, -0.2), (6, 0.2), (6, -0.2), (5, 0)), 0.01),
         (((10, 0), (math.pi * 3, 1 / 3), (10, 0)), 0.01),
         (((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2)), 0.01),
-        (((-5, 0), (-6, 0.2), (-6, -0.2), (-5, 0)), 0.01),
         (((8, 0), (4, 0.2), (-6, -0.2), (8, 0.1)), 0.01),
     ],
-    ids=["straight", "s-curves", "hairpin", "figure eight", "reverse", "cusps"],
+    ids=["s-curves", "hairpin", "figure eight", "cusps"],
 )
 def test_a_course_is_driven_to_its_end(kit, pieces, bound):
     drive = kit.follow(kit.course(*pieces))

@@ -134,6 +134,9 @@ def test_units_of_a_header_are_those_of_epsg(tmp_path: Path) -> None:
         header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
         laspy.LasData(header).write(tmp_path / "a.las")
         assert declared_unit(tmp_path / "a.las") == unit
+    header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", WKT.encode()))
+    laspy.LasData(header).write(tmp_path / "a.las")
+    assert declared_unit(tmp_path / "a.las") == "us-ft"
 
 
 def test_what_of_a_file_counts_is_in_its_own_unit() -> None:
