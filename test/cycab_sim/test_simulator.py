@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +41,19 @@ def test_the_same_run_gives_the_same_bits(small_params):
         assert (a.stamp_ns, a.index) == (b.stamp_ns, b.index)
         np.testing.assert_array_equal(a.image, b.image)
         np.testing.assert_array_equal(a.range_m, b.range_m)
+
+
+def test_the_teaching_drive_ends_where_its_driver_is_done_and_the_car_stands(small_params):
+    for mode, is_done, speed, is_over in [
+        ("teach", 1, 0.0, 1),
+        ("teach", 1, 0.01, 0),
+        ("teach", 0, 0, 0),
+        ("drive", 1, 0, 0),
+    ]:
+        simulator = Simulator(replace(small_params, mode=mode))
+        simulator.driver = SimpleNamespace(is_done=is_done)
+        simulator.teleport(1.0, 0.0, 0.0, speed)
+        assert simulator.is_taught == is_over
 
 
 def test_camera_faults_change_what_is_captured(small_params):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.localization.status import FINE, State
+from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.params import build
 from worlds.boxes import box
 from worlds.lit_room import POSES, picture, room
@@ -145,6 +148,15 @@ def test_a_camera_put_down_elsewhere_is_not_tracked_at_the_old_place(site):
         image = picture(site, elsewhere + np.array([0.05 * number, 0.0, 0.0]))
         observation = Observation(image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), stands)
         assert filter_.update(observation).status.state is not State.TRACKING
+
+
+def test_who_is_carried_off_while_the_wheels_stand_is_compared_with_the_map_at_once(site, monkeypatch):
+    filter_, carried = tracked(site), Verdict(Reason.JUMP_REJECTED, 9.0, 4.0)
+    for tenth, finding, is_compared in [(1, FINE, True), (2, FINE, False), (3, carried, True)]:
+        monkeypatch.setattr(filter_.odometry, "reconcile", lambda seen, is_held, f=finding: Reconciled(seen, f))
+        seen = replace(observe(site, POSES[8], 8), stamp_ns=9 * 10**9 + tenth * 10**8)
+        seen = replace(seen, image=seen.image + tenth)  # no frozen one
+        assert (filter_.update(seen).belief is not None) == is_compared
 
 
 def test_images_of_another_size_and_repeated_stamps_change_nothing(site):

@@ -1,6 +1,7 @@
 """The node cycab_sim on a bus: services, refused commands, and time that passes while it is active."""
 
 import math
+import threading
 import time
 
 import pytest
@@ -46,7 +47,12 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
     assert refused.message.startswith("fault.target: expected one of camera")
     assert "nothing to resume" in node.endpoints.call("resume").message
     pose = conversions.se3_to_pose(SE3.from_planar(20.0, -0.5, 0.3))
-    assert node.endpoints.call("teleport", Teleport.Request(pose=pose, speed=0.7)).success
+    teleport = threading.Thread(target=node.endpoints.call, args=("teleport", Teleport.Request(pose=pose, speed=0.7)))
+    with node.runner.lock:  # in the middle of a step
+        teleport.start()
+        teleport.join(0.02)
+        assert node.simulator.vehicle.state.x != 20.0
+    teleport.join(20.0)
     pose.orientation.w = pose.orientation.z = 0.0
     assert "quaternion" in node.endpoints.call("teleport", Teleport.Request(pose=pose)).message
     state = node.simulator.vehicle.state

@@ -33,14 +33,12 @@ def assert_arrived(drive):
 @pytest.mark.parametrize(
     ("pieces", "bound"),
     [
-        (((20, 0),), 0.005),
         (((5, 0), (6, 0.2), (6, -0.2), (6, 0.2), (6, -0.2), (5, 0)), 0.01),
         (((10, 0), (math.pi * 3, 1 / 3), (10, 0)), 0.01),
         (((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2)), 0.01),
-        (((-5, 0), (-6, 0.2), (-6, -0.2), (-5, 0)), 0.01),
         (((8, 0), (4, 0.2), (-6, -0.2), (8, 0.1)), 0.01),
     ],
-    ids=["straight", "s-curves", "hairpin", "figure eight", "reverse", "cusps"],
+    ids=["s-curves", "hairpin", "figure eight", "cusps"],
 )
 def test_a_course_is_driven_to_its_end(kit, pieces, bound):
     drive = kit.follow(kit.course(*pieces))
@@ -76,17 +74,6 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
     assert_arrived(drive)
     assert drive.rmse < rmse
     assert drive.worst < worst
-
-
-@pytest.mark.slow
-def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns):
-    noisy = two_turns + np.random.default_rng(0).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
-    drive = kit.follow(noisy, start=tuple(two_turns[0]))
-    assert_arrived(drive)
-    assert drive.rmse < 0.01
-    clean = np.array([pose[:2] for pose in drive.poses])
-    distance = np.min(np.hypot(*(clean[:, None] - two_turns[None, ::2, :2]).transpose(2, 0, 1)), axis=1)
-    assert np.sqrt(np.mean(distance**2)) < 0.03  # against the true course, half a step of it included
 
 
 def test_an_offset_at_the_start_goes_without_overshoot(kit):

@@ -1,6 +1,7 @@
 """From taught poses to the trajectory: directions, cusps, speeds, and every reason to refuse a path (F22)."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -126,12 +127,13 @@ def test_noise_of_two_centimeters_does_not_reach_the_curvature():
 
 
 def test_a_wave_of_the_smoothing_length_is_halved():
-    for wavelength, gain in [(2.0, 0.5), (20.0, 1.0), (0.7, 0.0)]:
-        x = np.arange(0, 60, MIN_SPACING + 1e-9)  # wide enough not to be averaged
-        wave = 1e-3 * np.sin(2 * np.pi * x / wavelength)
-        curve = smooth_curve(np.stack([x, wave], axis=-1), SMOOTHING, is_closed=False)
-        inner = (curve.x > 10) & (curve.x < 50)
-        found = np.sqrt(2) * np.std(curve.y[inner]) / 1e-3
+    for (wavelength, gain), is_closed in product([(2.0, 0.5), (20.0, 1.0), (0.75, 0.0)], [False, True]):
+        x, radius = np.linspace(0, 60, 285, endpoint=False), 30 / np.pi  # wide enough not to be averaged
+        wave = 1e-2 * np.sin(2 * np.pi * x / wavelength)
+        ring = (radius + wave)[:, None] * np.stack([np.cos(x / radius), np.sin(x / radius)], axis=-1)
+        curve = smooth_curve(ring if is_closed else np.stack([x, wave], axis=-1), SMOOTHING, is_closed=is_closed)
+        inner = (curve.way > 10) & (curve.way < 50)
+        found = np.sqrt(2) * np.std((np.hypot(curve.x, curve.y) if is_closed else curve.y)[inner]) / 1e-2
         assert found == pytest.approx(gain, abs=0.03)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import jacobian, residuals
-from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.intrinsics import board_poses
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
@@ -34,33 +33,15 @@ def calibrated(world):
     return found, views[3].label, specs, views
 
 
-def test_a_known_rig_comes_back(world, calibrated):
-    found = calibrated[0]
+def test_a_known_rig_comes_back_whatever_a_false_view_says(world, calibrated):
+    found, false = calibrated[:2]
+    assert set(found.dropped) == {false}
+    assert not any("not the same camera" in line for line in found.warnings)
     error = (found.rig.cameras[1].T_rig_camera.inverse() @ world.rig.cameras[1].T_rig_camera).log()
     std = found.spread.pose_std[1]
     assert np.linalg.norm(error) < 5.0 * np.linalg.norm(std)  # five of its own standard deviations
     assert np.linalg.norm(std[:3]) < MAX_POSITION_STD_M  # else the line above says little
     assert found.rig.cameras[0].camera.fx == pytest.approx(world.rig.cameras[0].camera.fx, rel=0.005)
-
-
-@pytest.mark.slow
-def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
-    rng = np.random.default_rng(0)
-    off = []
-    for view in world.views(BoardView, 0.0, rng)[:4]:
-        camera = [part.name for part in world.rig.cameras].index(view.camera)
-        board = next(item for item in world.boards if item.name == view.board)
-        seen = detect_all(world.render(camera, int(view.instant), rng), [board]).get(board.name)
-        if seen is not None:
-            truth = view.pixels[board.turns]  # of every numbering that looks alike
-            off.append(min(np.sqrt(np.mean(np.sum((seen[1] - one) ** 2, axis=-1))) for one in truth))
-    assert len(off) >= 2
-    assert max(off) < 0.2  # noise of 2 grey levels and squares of some 15 px
-
-
-@pytest.mark.slow
-def test_a_right_rig_agrees_with_its_single_cameras(calibrated):
-    assert not any("not the same camera" in line for line in calibrated[0].warnings)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_views
 from sphere_mapping.graph import keyframes
+from sphere_mapping.graph.tracking import SphereTracker
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
 from sphere_nav.geometry import SE3, Pinhole
@@ -79,6 +80,16 @@ def test_the_end_of_a_drive_is_kept_where_the_last_key_sphere_is_far(drive, max_
         assert mapper.graph[1].T_map_sphere.distance(updates[-1].T_map_sphere)[0] < 0.002  # by both ways now
         assert list(mapper.trajectory())[-1][1].distance(mapper.graph[1].T_map_sphere)[0] < 1e-9
     assert not mapper.keep_end()
+
+
+def test_two_spheres_that_are_lost_and_follow_each_other_do_not_throw_a_map_away(drive, monkeypatch):
+    truth, spheres = drive
+    mapper, updates = mapped(spheres[:2], truth[0])
+    refused = replace(updates[-1].alignment, reason="GAP")
+    monkeypatch.setattr(SphereTracker, "align_moving", lambda tracker, current, *_: (current, refused))
+    monkeypatch.setattr("sphere_mapping.mapper.is_followed", lambda lost, current: True)
+    assert [mapper.add(sphere).T_map_sphere for sphere in spheres[2:4]] == [None, None]
+    assert len(mapper.tracks) == 2
 
 
 @pytest.mark.slow

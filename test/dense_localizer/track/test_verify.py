@@ -96,6 +96,13 @@ def test_images_alone_place_what_is_trusted_and_recent_for_a_stated_way(track):
     assert not track.visual_odometry.is_needed
 
 
+def test_images_alone_place_who_stands_for_a_minute(track):
+    odometry = track.visual_odometry
+    for age_s, is_placed in [(59.9, True), (60.1, False)]:
+        odometry._way = replace(odometry._way, stamp_ns=(track.k + 1) * STEP_NS - round(age_s * 1e9))
+        assert track.see(at(0.06), hidden)[1].is_accepted == is_placed
+
+
 def test_light_that_changes_with_each_image_is_bridged_twice(track):
     left = np.arange(PINHOLE.width) < PINHOLE.width / 2
     for k, is_bridged in ((4, True), (5, True), (6, False)):

@@ -49,6 +49,14 @@ def test_doors_and_openings_are_cut_out_of_their_own_wall(tmp_path):
         assert area_of(tmp_path, [*ring_of(L_SHAPE), row]) == pytest.approx(WALLS + FLOORS - cut)
 
 
+def test_a_plan_that_is_turned_has_the_same_doors(tmp_path):
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    (x0, y0), (x1, y1) = np.array([[6.0, 0.5], [6.0, 1.5]]) @ turn.T
+    corners = [tuple(corner) for corner in L_SHAPE @ turn.T]
+    rows = [*ring_of(corners), f"door,a,{x0},{y0},{x1},{y1},0,2"]
+    assert area_of(tmp_path, rows) == pytest.approx(WALLS + FLOORS - 2.0)
+
+
 @pytest.mark.parametrize(("gap", "is_closed"), [(0.019, True), (0.021, False)])
 def test_corners_within_two_centimeters_are_one(tmp_path, gap, is_closed):
     rows = ring_of(L_SHAPE)

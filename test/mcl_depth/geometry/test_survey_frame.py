@@ -94,7 +94,9 @@ def test_a_point_far_outside_of_all_others_is_refused_before_it_tells_unit_axis_
 def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide() -> None:
     """A point every 7 m in a wider one: those who scan walk closer."""
     for wide, unit in [(0.9, "km"), (1.1, "m"), (1050.0, "mm")]:
-        assert find_frame(STREET * wide / np.ptp(STREET, axis=0).max(), SurveyParams(), "a", is_mesh=True).unit == unit
+        for declared in ("", "ft"):
+            street = STREET * wide / np.ptp(STREET, axis=0).max()
+            assert find_frame(street, SurveyParams(), "a", declared, is_mesh=True).unit == (declared or unit)
 
 
 def test_something_stands_on_three_of_a_thousand_squares() -> None:
@@ -132,6 +134,9 @@ def test_units_of_a_header_are_those_of_epsg(tmp_path: Path) -> None:
         header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
         laspy.LasData(header).write(tmp_path / "a.las")
         assert declared_unit(tmp_path / "a.las") == unit
+    header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", WKT.encode()))
+    laspy.LasData(header).write(tmp_path / "a.las")
+    assert declared_unit(tmp_path / "a.las") == "us-ft"
 
 
 def test_what_of_a_file_counts_is_in_its_own_unit() -> None:

@@ -26,6 +26,7 @@ def test_boards_of_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("a: {size: 8x6, square: 1, kind: circles}", "kind: expected one of chessboard, charuco, found 'circles'"),
         ("a: {size: 8x6, square: 25}", "square: expected a length in m, up to 10, found 25"),
         ("a: {size: 2x6, square: 1}", "size: expected at least 3x3 inner corners, found 2x6"),
         ("a: {size: 8x6, square: 1, kind: charuco, marker: 1}", r"marker: expected between 0 and the square \(1.0 m\)"),

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rig_calibration.boards import validation
-from rig_calibration.boards.report import calibration_as_mapping, coverage
+from rig_calibration.boards.report import calibration_as_mapping, coverage, draw_calibration
 from rig_calibration.boards.state import RigState, camera_problem
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
@@ -80,6 +81,14 @@ def test_every_figure_has_its_unit(calibration):
 
 def test_coverage_counts_cells_of_a_grid_of_eight_by_six(calibration):
     np.testing.assert_allclose(coverage(calibration), [100 * 2 / 48, 100 * 3 / 48])  # cells of 10, of 20 pixels
+
+
+def test_residuals_are_drawn_up_to_three_times_their_noise(calibration, monkeypatch, tmp_path):
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.extend(figure.axes))
+    draw_calibration(calibration, tmp_path / "a.png")
+    assert [axes.get_title() for axes in drawn[:2]] == ["a\nRMS 0.316 px, 4 % covered", "b\nRMS 0.645 px, 6 % covered"]
+    assert (drawn[2].get_xlim(), drawn[0].get_ylim()) == ((-0.75, 0.75), (60.0, 0.0))
 
 
 BOARD = np.stack([*np.meshgrid(np.arange(5) * 0.1, np.arange(4) * 0.1), np.zeros((4, 5))], axis=-1).reshape(-1, 3)

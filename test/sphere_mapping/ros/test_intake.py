@@ -59,6 +59,13 @@ def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, i
     assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], *([DEPTH_INFO] if kind == "rgbd" else [])}
 
 
+def test_an_image_without_any_range_is_no_sphere_and_its_topic_is_told(caplog):
+    nothing = np.zeros((CAMERA.height, CAMERA.width), np.float32)
+    messages = dict(rgbd(0)) | {"depth/image_raw": array_to_image(nothing, stamp(0), FRAME, "32FC1")}
+    assert caught("rgbd", *messages.items()).caught == []
+    assert "depth/image_raw: range or depth: expected some measured pixels" in caplog.text
+
+
 def test_depth_of_a_camera_beside_gives_the_same_range():
     ((whole, *_),) = caught("rgbd", *rgbd(0)).caught
     messages = dict(rgbd(0))

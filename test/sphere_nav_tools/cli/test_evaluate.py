@@ -42,7 +42,10 @@ def files(tmp_path):
 
 
 def test_known_errors_come_out_in_json_and_table(files, capsys):
-    assert call(files / "poses.tum", files / "truth.tum", "--json", files / "errors.json") == 0
+    words = files / "poses.tum", files / "truth.tum", "--json", files / "errors.json", "--tolerance"
+    with pytest.raises(SystemExit):
+        call(*words, "0")
+    assert call(*words, "0.01") == 0
     found = json.loads((files / "errors.json").read_text())
     assert found["n"] == 100
     assert found["coverage"] == 0.5

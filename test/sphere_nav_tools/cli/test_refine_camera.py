@@ -74,17 +74,22 @@ def test_a_guess_becomes_a_calibration(recorded, tmp_path, capsys):
 
 @pytest.mark.parametrize(("change_px", "num_rounds"), [(1.9, 1), (2.1, 3)])
 def test_a_drive_is_localised_anew_while_the_lens_changes_by_two_pixels(monkeypatch, change_px, num_rounds):
-    lenses, recorded = [], SimpleNamespace(camera=CAMERA, frame_id="optical", odometry="")
+    lenses, recorded = [], SimpleNamespace(camera=CAMERA, frame_id="optical", odometry="", patience={})
+    closed = SimpleNamespace(close=lambda: None)
     for name, value in {
         "RecordedCamera": lambda *_: recorded,
-        "refine_camera": lambda *_, **__: SimpleNamespace(lens=Lens(GUESS, len(lenses))),
+        "refine_camera": lambda *_, **__: SimpleNamespace(lens=Lens(GUESS, 0.01 * len(lenses))),
         "lens_distance": lambda a, b: change_px,
         "prove": lambda *_, **__: None,
+        "Localizer": lambda params, _: lenses.append(params.camera) or SimpleNamespace(references=closed),
     }.items():
         monkeypatch.setattr(refine_camera, name, value)
-    monkeypatch.setattr(RecordedDrive, "_locate", lambda _, sphere_map, lens: lenses.append(lens))
-    RecordedDrive(SimpleNamespace(source="", readout=0.0)).refine(None)
-    assert [lens.readout for lens in lenses] == [*range(num_rounds)]
+    monkeypatch.setattr(
+        RecordedDrive, "_localize", lambda *_: Trajectory(np.empty(0, np.int64), SE3(np.empty((0, 4, 4))))
+    )
+    monkeypatch.setattr(RecordedDrive, "_collect", lambda *_: ())
+    RecordedDrive(SimpleNamespace(source="", readout=0.0, settings={})).refine(None)
+    assert [lens.readout for lens in lenses] == [0.01 * k for k in range(num_rounds)]
 
 
 PERIOD_NS = 50_000_000

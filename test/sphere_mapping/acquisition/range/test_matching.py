@@ -22,10 +22,10 @@ def match(top, bottom, last_px=150.0, **params):
     return match_columns(*read, Search(-2.0, last_px), MatchParams(**params), np.ones(SHAPE, np.bool_))
 
 
-@pytest.mark.parametrize("shift", [10, 140])
-def test_every_disparity_of_the_search_is_found_whichever_level_it_needs(shift):
+@pytest.mark.parametrize(("shift", "last_px"), [(10, 150.0), (140, 139.0)])
+def test_every_disparity_of_the_search_is_found_whichever_level_it_needs(shift, last_px):
     top = texture(0, blur=4.0)
-    found = match(top, np.roll(top, -shift, axis=0))
+    found = match(top, np.roll(top, -shift, axis=0), last_px)
     inner = found.value[200:-30, 30:-30]
     known = np.isfinite(inner)
     assert known.mean() > 0.5

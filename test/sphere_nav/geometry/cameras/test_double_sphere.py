@@ -1,5 +1,7 @@
 """The double-sphere camera beside the laws of `test_camera.py`: against the paper's formula, and at its limits."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,9 @@ def test_pixels_outside_the_image_circle_have_no_ray():
     radius = 225.0 / np.sqrt(2 * 0.57 - 1)
     rays = camera.unproject([[607.5 + radius - 0.01, 607.5], [607.5 + radius + 0.01, 607.5]])
     assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
+
+
+def test_every_lens_up_to_the_bounds_of_its_model_can_be_told():
+    for xi, alpha, is_lens in [(1.0, 0.0, 1), (-0.99, 1.0, 1), (-1.0, 0.5, 0)]:
+        with nullcontext() if is_lens else pytest.raises(ValueError, match="expected -1 < xi <= 1"):
+            DoubleSphere(40, 40, 20.0, 20.0, 20.0, 20.0, xi, alpha)

@@ -34,7 +34,7 @@ def test_where_the_polynomial_folds_back_no_pixel_has_a_ray():
 
 
 def test_without_xi_it_is_a_pinhole_and_without_distortion_a_unified_camera():
-    points, k = np.random.default_rng(0).normal(size=(500, 3)), (-0.2, 0.05, 1e-3, -5e-4)
+    points, k = np.random.default_rng(0).normal(size=(500, 3)), (-0.2, 0.05, 1e-3, -5e-4, 0.01)
     pinhole, omni = Pinhole(640, 480, 300.0, 290.0, 319.5, 239.5, k), Omni(640, 480, 300.0, 290.0, 319.5, 239.5, 0.0, k)
     np.testing.assert_array_equal(omni.project(points)[1], pinhole.project(points)[1])
     np.testing.assert_allclose(omni.project(points)[0], pinhole.project(points)[0], atol=1e-9)

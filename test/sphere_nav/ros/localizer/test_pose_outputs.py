@@ -8,7 +8,7 @@ from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import BaseEstimate, State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.conversions import pose_with_covariance_to_se3
+from sphere_nav.ros.conversions import pose_with_covariance_to_se3, stamp_ns
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
 from sphere_nav.ros.node import ManagedNode
@@ -56,6 +56,8 @@ def test_a_turned_vehicle_is_unsure_along_the_axes_of_the_map():
     world.outputs.publish(BaseEstimate(Status(State.TRACKING, stamp_ns=STAMP_NS), T_map_base, local))
     messages = world.said()
     assert list(messages) == ["/pose", "/odometry", "/tf", "/status"]
+    said = [messages["/pose"], messages["/odometry"], messages["/status"]]
+    assert [stamp_ns(one) for one in said] == [STAMP_NS] * 3  # when the image was taken, not when it was computed
     fixed = np.array(messages["/pose"].pose.covariance).reshape(6, 6)
     across_map = T_map_base.rotation[:, 0]
     assert across_map @ fixed[:3, :3] @ across_map == pytest.approx(4e-4)

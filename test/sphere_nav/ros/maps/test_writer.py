@@ -100,6 +100,11 @@ def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_pa
     assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
 
 
+def until_the_disk_is_full(stored):
+    yield stored[0]
+    raise OSError("full")
+
+
 def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_path):
     def shifted(by):
         nodes = [replace(node, id=node.id + by) for node in sphere_graph]
@@ -124,6 +129,8 @@ def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_pat
         assert found.coarse_spheres().keys() == found.graph.nodes.keys() == found.appearance().words.keys()
     with pytest.raises(BagError, match="graph: expected 5 key spheres, found 3 written"):
         write_stored(tmp_path / "none", graph, DETAILS, None, stored[:3])
+    with pytest.raises(OSError, match="full"):
+        write_stored(tmp_path / "none", graph, DETAILS, None, until_the_disk_is_full(stored))
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "both", "newer"]
 
 

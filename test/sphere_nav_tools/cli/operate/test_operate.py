@@ -112,6 +112,18 @@ def test_a_pose_is_told_with_its_heading_and_covariance(ears):
     assert ears.seen.told("trail")[0][0].tolist() == [3.0, -4.0]
 
 
+def test_pictures_come_while_a_page_shows_them_and_again_when_one_is_opened_later(ears):
+    heard, counts = [], []
+    ears._lock, ears._num_watching, ears._pictures, ears._image_topic = nullcontext(), 0, [], "image_raw"
+    ears.node = SimpleNamespace(
+        create_subscription=lambda kind, topic, *_: heard.append(topic) or topic, destroy_subscription=heard.remove
+    )
+    for is_watching in (True, True, False, False, True):
+        ears.watch_pictures(is_watching)
+        counts.append(len(heard))
+    assert counts == [2, 2, 2, 0, 2]
+
+
 @pytest.mark.parametrize(
     ("state", "mission", "is_pressed", "shown"),
     [

@@ -194,3 +194,15 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring):
     assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
+
+
+def test_panoramas_with_range_become_spheres_at_their_poses(tmp_path):
+    for number in range(2):
+        write(tmp_path / f"image_{number}.png", np.full((8, 16, 3), 100 + number, np.uint8))
+        write(tmp_path / f"range_{number}.png", np.full((8, 16), 2000 + 500 * number, np.uint16))
+    np.savetxt(tmp_path / "poses.tum", [[k, 3.0 * k, 0, 0, 0, 0, 0, 1] for k in range(2)])
+    recording = spherical.open_spherical(tmp_path)
+    assert [instant.T_map_link.translation[0] for instant in recording.instants] == [0.0, 3.0]
+    sphere = message_to_sphere(dict(recording.frame(1))["sphere"])
+    assert (sphere.image[0, 0, 0], sphere.stamp_ns) == (101, recording.instants[0].stamp_ns + 1_000_000_000)
+    np.testing.assert_allclose(sphere.range_m, 2.5, rtol=2e-3)
