@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
-from path_follower.path import between, turned_by, wrap
+from path_follower.path import between, turned_by
 from path_follower.routes.constants import (
     ALIKE,
     BLEND,
@@ -31,18 +31,17 @@ from path_follower.routes.constants import (
     TURN_SCALE,
 )
 from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
 
 
 @dataclass(frozen=True, eq=False)
 class TaughtDrive:
-    """A taught curve, driven forward (1) or backwards (-1); `deviation` (N,) m across as localised, NaN unknown."""
+    """A taught curve, driven forward (1) or backwards (-1)."""
 
     curve: EdgeCurve
     direction: int = 1
-    deviation: Array | None = None
 
 
 @dataclass
@@ -69,36 +68,30 @@ class _Anchor:
 
 @dataclass(eq=False)
 class _Strand:
-    """A curve of the network before it is cut, and for each point what the drives say of it."""
+    """A curve of the network before it is cut, and how each point was driven."""
 
     curve: EdgeCurve
-    is_forward: Array
-    is_reverse: Array
-    deviation: Array
-    count: Array
-    low: Array
-    high: Array
+    is_forward: Flags
+    is_reverse: Flags
     begin: _Anchor | None = None
     end: _Anchor | None = None
     cuts: set[int] = field(default_factory=set)
 
     @classmethod
     def of(cls, drive: TaughtDrive, first: int, last: int) -> _Strand:
-        part = slice(first, last + 1)
-        curve, count = drive.curve.between(first, last), last - first + 1
-        deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
-        ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
-        return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
+        count = last - first + 1
+        ways = np.full(count, drive.direction > 0), np.full(count, drive.direction < 0)
+        return cls(drive.curve.between(first, last), *ways)
 
 
-def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float = 0.0) -> Network:
-    """Return the network of drives; the first of them begins at the place `home`. `width` m of the vehicle's body."""
+def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
+    """Return the network of drives; the first of them begins at the place `home`."""
     if not drives:
         raise ValueError("network: expected drives, found none")
     strands: list[_Strand] = []
     for drive in drives:
         _add_drive(strands, drive)
-    return _cut(strands, map_id, width)
+    return _cut(strands, map_id)
 
 
 # --- alongside
@@ -122,11 +115,9 @@ def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
                 strands[anchor.strand].cuts.add(anchor.at)
     for run in runs:
         if run.on != OWN:
-            passed = [_resolve(runs, pieces, run, int(at)) for at in run.at]
-            for offset, anchor in enumerate(passed):
+            for offset, at in enumerate(run.at):
+                anchor = _resolve(runs, pieces, run, int(at))
                 _note(strands[anchor.strand], anchor.at, drive, run.first + offset)
-            for anchor in set(passed):
-                strands[anchor.strand].count[anchor.at] += 1
 
 
 def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], run: _Run, at: int) -> _Anchor:
@@ -174,14 +165,9 @@ def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
 def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
     at = np.arange(last, min(last + round(1.0 / SPACING), len(there)), dtype=np.intp)
-    off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
-    best = int(at[np.argmin(off)])
-    turned = abs(wrap(float(there.yaw[best] - curve.yaw[point])))
-    return (
-        best
-        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / SPACING)
-        else -1
-    )
+    best = at[np.argmin(np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point]))]
+    is_past = there is not curve or point - best > PAST / SPACING
+    return int(_on_lane(there, curve, best, point)[1]) if is_past else -1
 
 
 def _features(curve: EdgeCurve) -> Array:
@@ -191,12 +177,17 @@ def _features(curve: EdgeCurve) -> Array:
 
 def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
+    return _nearest(there, len(there), curve, np.arange(len(curve)))
+
+
+def _nearest(there: EdgeCurve, known: int, curve: EdgeCurve, points: Indices) -> tuple[Array, Indices]:
+    """The same of some points of a curve, and the first `known` points of the other one."""
     reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
-    _, at = cKDTree(_features(there)).query(_features(curve), distance_upper_bound=reach)
-    return _on_lane(there, curve, np.where(at < len(there), at, -1).astype(np.intp), np.arange(len(curve)))
+    _, at = cKDTree(_features(there)[:known]).query(_features(curve)[points], distance_upper_bound=reach)
+    return _on_lane(there, curve, np.where(at < known, at, -1).astype(np.intp), points)
 
 
-def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> tuple[Array, Indices]:
+def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = turned_by(there.yaw[at], curve.yaw[points])
     is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
@@ -207,13 +198,9 @@ def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     """The same of a curve and what it did at least PAST m before."""
     off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
     past, block = round(PAST / SPACING), round(5.0 / SPACING)
-    features = _features(curve)
-    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
     for begin in range(past + 1, len(curve), block):
         points = np.arange(begin, min(begin + block, len(curve)))
-        known = begin - past
-        _, at = cKDTree(features[:known]).query(features[points], distance_upper_bound=reach)
-        off[points], found[points] = _on_lane(curve, curve, np.where(at < known, at, -1).astype(np.intp), points)
+        off[points], found[points] = _nearest(curve, begin - past, curve, points)
     return off, found
 
 
@@ -237,10 +224,9 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
         for run in _joined(closed)
     ]
     whole = _joined(kept)
-    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / SPACING:
-        whole = whole[1:]
-    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / SPACING:
-        whole = whole[:-1]
+    for end in (0, -1):
+        if len(whole) > 1 and whole[end].on == OWN and whole[end].count < STUB / SPACING:
+            del whole[end]
     return _with_changes(strands, whole)
 
 
@@ -354,19 +340,14 @@ def fade(u: Array, value: float, slope: float, bend: float) -> Array:
 
 
 def _note(strand: _Strand, at: int, drive: TaughtDrive, point: int) -> None:
-    """Remember that a drive came by: how fast, how well localised, how far beside."""
-    curve = strand.curve
-    curve.speed[at] = np.fmax(curve.speed[at], drive.curve.speed[point])
-    if drive.deviation is not None:
-        strand.deviation[at] = np.fmax(strand.deviation[at], drive.deviation[point])
-    left = between(curve.point(at), drive.curve.point(point)).y
-    strand.low[at], strand.high[at] = min(strand.low[at], left), max(strand.high[at], left)
+    """Remember that a drive came by, and how fast."""
+    strand.curve.speed[at] = np.fmax(strand.curve.speed[at], drive.curve.speed[point])
     strand.is_forward[at] |= drive.direction > 0
     strand.is_reverse[at] |= drive.direction < 0
 
 
 # --- nodes and edges
-def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
+def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
     """Return the network of curves that are cut at their branches; nodes that nothing branches at are left out."""
     numbers: dict[tuple[int, int], int] = {}
     nodes: dict[int, Node] = {}
@@ -381,33 +362,16 @@ def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
             nodes[numbers[strand, at]] = Node(numbers[strand, at], item.curve.point(at))
         return numbers[strand, at]
 
-    pieces = []
+    edges: dict[int, RouteEdge] = {}
     for index, strand in enumerate(strands):
         ways = np.stack([strand.is_forward, strand.is_reverse])
         changes = np.flatnonzero(np.any(ways[:, 1:] != ways[:, :-1], axis=0)) + 1
         ends = sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})
         for first, last in pairwise(ends):
-            pieces.append((node(index, first), node(index, last), _edge_of(strand, first, last, width)))
-    home = node(0, 0)
-    edges = {number: replace(edge, id=number, start=a, end=b) for number, (a, b, edge) in enumerate(pieces)}
-    network = Network(nodes, edges, {"home": home}, map_id)
-    return _renumbered(_dissolved(network))
-
-
-def _edge_of(strand: _Strand, first: int, last: int, width: float) -> RouteEdge:
-    part = slice(first, last + 1)
-    known = strand.deviation[part][np.isfinite(strand.deviation[part])]
-    return RouteEdge(
-        id=-1,
-        start=-1,
-        end=-1,
-        curve=strand.curve.between(first, last),
-        width=width + float(np.max(strand.high[part]) - np.min(strand.low[part])),
-        is_forward=bool(strand.is_forward[(first + last) // 2]),
-        is_reverse=bool(strand.is_reverse[(first + last) // 2]),
-        deviation=float(np.percentile(known, 95)) if len(known) else math.nan,
-        num_drives=int(np.median(strand.count[part])),
-    )
+            ends_at, middle = (node(index, first), node(index, last)), (first + last) // 2
+            may = bool(strand.is_forward[middle]), bool(strand.is_reverse[middle])
+            edges[len(edges)] = RouteEdge(len(edges), *ends_at, strand.curve.between(first, last), *may)
+    return _renumbered(_dissolved(Network(nodes, edges, {"home": node(0, 0)}, map_id)))
 
 
 def _dissolved(network: Network) -> Network:
@@ -421,11 +385,7 @@ def _dissolved(network: Network) -> Network:
         a, b = before[0], after[0]
         if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
             continue
-        deviation = float(np.fmax(a.deviation, b.deviation))
-        joined = replace(
-            a, end=b.end, curve=join_curves([a.curve, b.curve]), width=max(a.width, b.width), deviation=deviation
-        )
-        edges[a.id] = joined
+        edges[a.id] = replace(a, end=b.end, curve=join_curves([a.curve, b.curve]))
         del edges[b.id], nodes[number]
     return replace(network, nodes=nodes, edges=edges)
 
