@@ -102,6 +102,16 @@ def describe(verdict: Verdict) -> str:
     return ": ".join(filter(None, (verdict.reason, found, verdict.advise(REMEDIES))))
 
 
+def over(reason: StopReason, value: float, limit: float, detail: str = "") -> Verdict:
+    """Return a verdict on a value above its limit; else FINE."""
+    return Verdict(reason, value, limit, detail) if value > limit else FINE
+
+
+def first_of(*verdicts: Verdict) -> Verdict:
+    """Return the first that is not FINE, if there is one."""
+    return next((verdict for verdict in verdicts if verdict is not FINE), FINE)
+
+
 def severity_of(verdict: Verdict) -> Severity:
     """Return how bad it is."""
     return SEVERITY.get(verdict.reason, Severity.WRONG)

@@ -21,18 +21,8 @@ FURTHER: dict[str, tuple[str, ...]] = {
     "pinhole": (),
     "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
 NORM_TOLERANCE = 1e-3
-
-
-@dataclass(frozen=True)
-class _Pose:
-    px: float
-    py: float
-    pz: float
-    qx: float
-    qy: float
-    qz: float
-    qw: float
 
 
 @dataclass(frozen=True)
@@ -43,7 +33,7 @@ class _Lens:
 
 @dataclass(frozen=True)
 class _Calibration:
-    T_imu_cam: tuple[_Pose, ...]
+    T_imu_cam: tuple[dict[str, float], ...]
     intrinsics: tuple[_Lens, ...]
     resolution: tuple[tuple[int, int], ...]
 
@@ -87,9 +77,10 @@ def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
     return found.fisheye(tuple(more)) if kind == "kb4" else found.pinhole(tuple(more))
 
 
-def _place(pose: _Pose, where: str) -> SE3:
-    xyzw = np.array([pose.qx, pose.qy, pose.qz, pose.qw])
+def _place(pose: Mapping[str, float], where: str) -> SE3:
+    given = required(pose, where, (*POSITION, *QUATERNION))
+    xyzw = np.array([given[field] for field in QUATERNION])
     norm = float(np.linalg.norm(xyzw))
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise ValueError(f"{where}: expected a unit quaternion, found one of length {norm:.4g}")
-    return SE3.from_quaternion(xyzw / norm, [pose.px, pose.py, pose.pz])
+    return SE3.from_quaternion(xyzw / norm, [given[field] for field in POSITION])
