@@ -49,7 +49,7 @@ class ForeignLens:
         return self._check(Fisheye, distortion)
 
     def double_sphere(self, xi: float, alpha: float) -> Camera:
-        """Return the camera of Usenko, Demmel and Cremers; the unified one, x / (alpha d + (1 - alpha) z), is xi = 0."""
+        """Return the camera of Usenko, Demmel and Cremers; xi = 0: x / (alpha d + (1 - alpha) z)."""
         return self._check(DoubleSphere, xi, alpha)
 
     def omni(self, xi: float, distortion: tuple[float, ...] = ()) -> Camera:

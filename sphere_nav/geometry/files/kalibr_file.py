@@ -32,10 +32,8 @@ def join_chains(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignR
     for chain, path in zip(chains, paths, strict=True):
         T_first_chain, shared = SE3.identity(), next((t for t in chain.topics if t and t in topics), None)
         if shared is None and topics and not is_by_imu:
-            expected = (
-                f"poses relative to the IMU in all files, or a rostopic of a file before it ({', '.join(topics)})"
-            )
-            raise ValueError(f"{path}: expected {expected}, found {', '.join(chain.topics)}")
+            expected = "poses relative to the IMU in all files, or a rostopic of a file before it"
+            raise ValueError(f"{path}: expected {expected} ({', '.join(topics)}), found {', '.join(chain.topics)}")
         if shared is not None and not is_by_imu:
             own = chain.T_origin_camera[chain.topics.index(shared)]
             T_first_chain = poses[topics.index(shared)] @ own.inverse()
