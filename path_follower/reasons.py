@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 
+from path_follower.constants import MIN_POINTS
 from sphere_nav.localization.status import Verdict
 
 
@@ -105,6 +106,11 @@ def describe(verdict: Verdict) -> str:
 def over(reason: StopReason, value: float, limit: float, detail: str = "") -> Verdict:
     """Return a verdict on a value above its limit; else FINE."""
     return Verdict(reason, value, limit, detail) if value > limit else FINE
+
+
+def blocked(count: int) -> Verdict:
+    """Return a verdict on so many points of a scan in the way."""
+    return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
 
 def first_of(*verdicts: Verdict) -> Verdict:

@@ -11,11 +11,11 @@ import math
 import numpy as np
 
 from path_follower.consistency import Doubt
-from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, MIN_POINTS, SEARCH_WINDOW, SENSOR_SILENCE
+from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, SEARCH_WINDOW, SENSOR_SILENCE
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason, first_of, over
+from path_follower.reasons import FINE, StopReason, blocked, first_of, over
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED, Reason, State, Verdict
 
@@ -121,7 +121,7 @@ class SafetyMonitor:
             return FINE
         distance = stopping_distance(speed, self.params)
         count = points_in_way(self.points, self.pose, path, location, distance, self.params)
-        return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return blocked(count)
 
     def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""

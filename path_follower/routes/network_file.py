@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2, between
-from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS
+from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
@@ -29,7 +29,6 @@ FORMAT, VERSION = "sphere_nav routes", 1
 FILE_NAME = "routes.geojson"  # in the folder of its map
 DECIMALS = 4  # of metres and radians
 COLUMNS = ("x", "y", "yaw", "speed")
-MAX_TEXT = 256  # characters of a name
 
 
 def network_path(path: Path) -> Path:
@@ -164,7 +163,7 @@ def from_geojson(text: str, where: str = "network") -> Network:
     if not nodes or not edges:
         raise ValueError(f"{where}: expected nodes and edges, found {len(nodes)} and {len(edges)}")
     for name in (head.map_id, head.frame, *places):
-        if len(name) > MAX_TEXT or not name.isprintable():
+        if len(name) > MAX_NAME or not name.isprintable():
             raise ValueError(f"{where}: expected a short text, found {short(name)}")
     network = Network(nodes, edges, places, head.map_id, head.frame)
     _check_ends(network, where)

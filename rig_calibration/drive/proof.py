@@ -8,7 +8,7 @@ and scatter are counted by runs of images, with Student's t. Where either fails 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -49,22 +49,25 @@ class LensProof:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it is refused; empty where it is accepted."""
-        return tuple(self._reasons())
-
-    def _reasons(self) -> Iterator[str]:
-        if self.evidence < self.limit:
-            yield (
-                f"held-out images: expected what one half of the drive finds to explain the other half better than the "
-                f"given lens, t >= {self.limit:.1f} (false alarm {FALSE_ALARM:.1%}), found {self.evidence:.1f}"
-            )
-        if self.apart_px > APART * self.moved_px:
-            yield (
-                f"halves of the drive: expected lenses within {APART * self.moved_px:.2f} px of each other, half of "
-                f"how far they are off the given one, found {self.apart_px:.2f} px"
-            )
-        if self.found.lens.readout > self.max_readout:
-            found, most = 1e3 * self.found.lens.readout, 1e3 * self.max_readout
-            yield f"readout: expected at most {most:.1f} ms, the time between two images, found {found:.1f} ms"
+        near, readout = APART * self.moved_px, self.found.lens.readout
+        checks = (
+            (
+                self.evidence >= self.limit,
+                "held-out images: expected what one half of the drive finds to explain the other half better than the "
+                f"given lens, t >= {self.limit:.1f} (false alarm {FALSE_ALARM:.1%}), found {self.evidence:.1f}",
+            ),
+            (
+                self.apart_px <= near,
+                f"halves of the drive: expected lenses within {near:.2f} px of each other, half of how far they are "
+                f"off the given one, found {self.apart_px:.2f} px",
+            ),
+            (
+                readout <= self.max_readout,
+                f"readout: expected at most {1e3 * self.max_readout:.1f} ms, the time between two images, "
+                f"found {1e3 * readout:.1f} ms",
+            ),
+        )
+        return tuple(text for is_good, text in checks if not is_good)
 
     @property
     def unobserved(self) -> tuple[str, ...]:

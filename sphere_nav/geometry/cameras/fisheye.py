@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -15,10 +16,7 @@ from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 MIN_SINE = 1e-9
 
 
-Polar = tuple[Array, Array, Array, Array]
-
-
-def polar(p: Array) -> Polar:
+def polar(p: Array) -> tuple[Array, Array, Array, Array]:
     """Return distance from the axis (at least MIN_SINE), angle from it, and direction about it x, y of points."""
     sine = np.hypot(p[..., 0], p[..., 1])
     on_axis = sine < MIN_SINE
@@ -27,7 +25,7 @@ def polar(p: Array) -> Polar:
     return sine, np.arctan2(sine, p[..., 2]), x, y
 
 
-def J_polar(p: Array, where: Polar, radius: Array, slope: Array) -> Array:
+def J_polar(p: Array, where: Sequence[Array], radius: Array, slope: Array) -> Array:
     """Return the derivative (..., 2, 3) of places at image radii by points; `slope`: of the radius by the angle."""
     sine, _, x, y = where
     square = sine * sine + p[..., 2] * p[..., 2]
