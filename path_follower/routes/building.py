@@ -98,7 +98,7 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    anchors = [_anchors(strands, drive.curve, runs, index) for index in range(len(runs))]
+    anchors = [[_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1)] for index in range(len(runs))]
     own = [index for index, run in enumerate(runs) if run.on == OWN]
     pieces = {
         index: (len(strands) + count, anchors[index][0][0], anchors[index][1][0]) for count, index in enumerate(own)
@@ -269,34 +269,27 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 
 
 # --- branches
-def _anchors(
-    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int
-) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
-    """Return where a run of its own begins and ends: on the drive, and on the curve before or behind; None: on none."""
-    run = runs[index]
-    if run.on != OWN:
-        return (run.first, None), (run.last, None)
-    begin: tuple[int, int | None] = (run.first, None)
-    end: tuple[int, int | None] = (run.last, None)
-    window = round(BLEND / SPACING)
+def _anchor(
+    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int, side: int
+) -> tuple[int, int | None]:
+    """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
+    run, near = runs[index], index + side
+    if run.on != OWN or not 0 <= near < len(runs):
+        return run.first if side < 0 else run.last, None
+    other, window = runs[near], round(BLEND / SPACING)
+    share = (other.count + 1) // 2 if 0 <= near + side < len(runs) else other.count
     missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
-    if index > 0:
-        other = runs[index - 1]
-        share = other.count if index < 2 else (other.count + 1) // 2
-        late = max(1, other.count - missing)
-        begin = _best(strands, curve, other, range(max(0, late - min(window, share)), late), is_late=True)
-    if index + 1 < len(runs):
-        other = runs[index + 1]
-        share = other.count if index + 2 >= len(runs) else (other.count + 1) // 2
-        early = min(missing, other.count - 1)
-        end = _best(strands, curve, other, range(early, min(early + min(window, share), other.count)), is_late=False)
-    return begin, end
+    late = max(1, other.count - missing)
+    offsets = np.arange(max(0, late - min(window, share)), late)
+    return _best(strands, curve, other, offsets if side < 0 else other.count - 1 - offsets[::-1], is_late=side < 0)
 
 
-def _best(strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
+def _best(
+    strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: Indices, *, is_late: bool
+) -> tuple[int, int]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
-    points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
+    points, at = run.first + offsets, run.at[offsets]
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = turned_by(there.yaw[at], curve.yaw[points])
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])

@@ -33,13 +33,13 @@ def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "file o
     try:
         if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
             return decode_file(data, MAX_PIXELS, mode)
-        return np.asarray(read_isolated(read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
+        return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
-def read_other(path: Path, mode: str) -> NDArray[Any]:
+def _read_other(path: Path, mode: str) -> NDArray[Any]:
     """Return the pixels of a file of any kind; it may end the process."""
     pixels = cv2.imdecode(np.fromfile(path, np.uint8), int(mode) | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None or pixels.size > 4 * MAX_PIXELS:
