@@ -170,7 +170,8 @@ def _read_yaml(file: Path) -> Given:
         expected = "rows [x, y], [x, y, yaw] or [x, y, yaw, speed]"
         raise ValueError(f"{file}: points: expected {expected}, found {short(given.points)}")
     columns = np.array(given.points).T
-    return Given(columns[:2].T, *([*columns[2:], None, None][:2]), given.is_closed, given.map_id, given.frame)
+    yaw, speed = (columns[i] if len(columns) > i else None for i in (2, 3))
+    return Given(columns[:2].T, yaw, speed, given.is_closed, given.map_id, given.frame)
 
 
 def _read_poses(file: Path, path: _Path) -> Given:
@@ -183,9 +184,9 @@ def _read_poses(file: Path, path: _Path) -> Given:
             raise ValueError(f"{where}: expected {frame!r}, that of the path, found {short(own)}")
     xy = np.array([astuple(one.pose.position) for one in path.poses]).reshape(-1, 2)
     turns = np.array([astuple(one.pose.orientation) for one in path.poses]).reshape(-1, 4)
-    for i in np.flatnonzero(turns.any(axis=1) & (np.abs(np.linalg.norm(turns, axis=1) - 1.0) > 1e-2)):
-        found = short(turns[i].tolist())
-        raise ValueError(f"{file}: poses[{i}].orientation: expected a unit quaternion, found {found}")
+    for bad in np.flatnonzero(turns.any(axis=1) & (np.abs(np.linalg.norm(turns, axis=1) - 1.0) > 1e-2)):
+        found = short(turns[bad].tolist())
+        raise ValueError(f"{file}: poses[{bad}].orientation: expected a unit quaternion, found {found}")
     return Given(xy, told_headings(xy, turns), frame=frame)
 
 

@@ -9,9 +9,10 @@ and goes over to what was driven within some metres. Curves are then cut at the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -44,22 +45,24 @@ class TaughtDrive:
     direction: int = 1
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Run:
-    """Points first ... last of a drive that lie alongside points `at` of a curve, or on none."""
+    """Points of a drive from `first` on that lie alongside points `at` of a curve, or on none."""
 
     on: int
     first: int
-    last: int
     at: Indices
 
     @property
     def count(self) -> int:
-        return self.last - self.first + 1
+        return len(self.at)
+
+    @property
+    def last(self) -> int:
+        return self.first + len(self.at) - 1
 
 
-@dataclass(frozen=True)
-class _Anchor:
+class _Anchor(NamedTuple):
     """A point of a curve where another one begins or ends."""
 
     strand: int
@@ -68,20 +71,13 @@ class _Anchor:
 
 @dataclass(eq=False)
 class _Strand:
-    """A curve of the network before it is cut, and how each point was driven."""
+    """A curve of the network before it is cut, and whether each point was driven forward, and backwards (2, N)."""
 
     curve: EdgeCurve
-    is_forward: Flags
-    is_reverse: Flags
+    ways: Flags
     begin: _Anchor | None = None
     end: _Anchor | None = None
     cuts: set[int] = field(default_factory=set)
-
-    @classmethod
-    def of(cls, drive: TaughtDrive, first: int, last: int) -> _Strand:
-        count = last - first + 1
-        ways = np.full(count, drive.direction > 0), np.full(count, drive.direction < 0)
-        return cls(drive.curve.between(first, last), *ways)
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
@@ -98,43 +94,38 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    anchors = [[_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1)] for index in range(len(runs))]
-    own = [index for index, run in enumerate(runs) if run.on == OWN]
-    pieces = {
-        index: (len(strands) + count, anchors[index][0][0], anchors[index][1][0]) for count, index in enumerate(own)
-    }
-    for _, first, last in pieces.values():
-        strands.append(_Strand.of(drive, first, last))
-    for index, (number, _, _) in pieces.items():
-        strand, ((_, before), (_, after)) = strands[number], anchors[index]
-        strand.begin = None if before is None else _resolve(runs, pieces, runs[index - 1], before)
-        strand.end = None if after is None else _resolve(runs, pieces, runs[index + 1], after)
+    pieces: dict[int, _Run] = {}
+    ends = {}
+    for index, run in enumerate(runs):
+        if run.on == OWN:
+            (first, before), (last, after) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
+            pieces[index], ends[index] = _Run(len(strands), first, np.arange(last - first + 1)), (before, after)
+            ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
+            strands.append(_Strand(drive.curve.between(first, last), ways))
+    shared = [run for run in runs if run.on != OWN]
+    parts = [*pieces.values(), *shared]
+    for index, piece in pieces.items():
+        strand, (before, after) = strands[piece.on], ends[index]
+        strand.begin = None if before is None else _resolve(parts, runs[index - 1].on, before)
+        strand.end = None if after is None else _resolve(parts, runs[index + 1].on, after)
         for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
             if anchor is not None:
                 _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
                 strands[anchor.strand].cuts.add(anchor.at)
-    for run in runs:
-        if run.on != OWN:
-            for offset, at in enumerate(run.at):
-                anchor = _resolve(runs, pieces, run, int(at))
-                _note(strands[anchor.strand], anchor.at, drive, run.first + offset)
+    for run in shared:
+        for point, at in enumerate(run.at.tolist(), run.first):
+            anchor = _resolve(parts, run.on, at)
+            strand = strands[anchor.strand]
+            strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
+            strand.ways[int(drive.direction < 0), anchor.at] = True
 
 
-def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], run: _Run, at: int) -> _Anchor:
-    """Return the point of a curve that a run lies on; of what the drive itself did, where that has gone.
-
-    `pieces`: number, first and last point of the curves that runs of its own have become.
-    """
-    if run.on != HERE:
-        return _Anchor(run.on, at)
-    for number, first, last in pieces.values():
-        if first <= at <= last:
-            return _Anchor(number, at - first)
-    for other in runs:
-        if other.on != OWN and other.first <= at <= other.last:
-            return _resolve(runs, pieces, other, int(other.at[at - other.first]))
-    number, first, last = min(pieces.values(), key=lambda piece: min(abs(piece[1] - at), abs(piece[2] - at)))
-    return _Anchor(number, min(max(at - first, 0), last - first))
+def _resolve(parts: Sequence[_Run], on: int, at: int) -> _Anchor:
+    """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
+    if on != HERE:
+        return _Anchor(on, at)
+    part = min(parts, key=lambda one: max(one.first - at, at - one.last, 0))
+    return _resolve(parts, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
@@ -153,12 +144,10 @@ def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
         if on not in near:
             on = min(near, key=lambda k: float(near[k][0])) if near else OWN
         at = int(near[on][1]) if on != OWN else -1
-        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING)
-        if is_next:
-            runs[-1].last = point
-            runs[-1].at = np.append(runs[-1].at, at)
-        else:
-            runs.append(_Run(on, point, point, np.array([at], dtype=np.intp)))
+        run = _Run(on, point, np.array([at], dtype=np.intp))
+        if runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING):
+            run = _with(runs.pop(), run)
+        runs.append(run)
     return runs
 
 
@@ -230,12 +219,16 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
     return _with_changes(strands, whole)
 
 
+def _with(run: _Run, following: _Run) -> _Run:
+    return replace(run, at=np.concatenate([run.at, following.at]))
+
+
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
     joined: list[_Run] = []
     for run in runs:
         last = joined[-1] if joined else None
         if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
-            joined[-1] = _Run(run.on, last.first, run.last, np.concatenate([last.at, run.at]))
+            joined[-1] = _with(last, run)
         else:
             joined.append(run)
     return joined
@@ -249,10 +242,9 @@ def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
         last = result[-1] if result else None
         if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
             before, after = min(half, last.count - 1), min(half, run.count - 1)
-            first, end = last.last + 1 - before, run.first + after - 1
-            result[-1] = replace(last, last=first - 1, at=last.at[: last.count - before])
-            result.append(_Run(OWN, first, end, np.full(end - first + 1, -1, dtype=np.intp)))
-            run = replace(run, first=end + 1, at=run.at[after:])
+            result[-1] = replace(last, at=last.at[: last.count - before])
+            result.append(_Run(OWN, last.last + 1 - before, np.full(before + after, -1, dtype=np.intp)))
+            run = replace(run, first=run.first + after, at=run.at[after:])
         result.append(run)
     return result
 
@@ -332,39 +324,26 @@ def fade(u: Array, value: float, slope: float, bend: float) -> Array:
     return faded
 
 
-def _note(strand: _Strand, at: int, drive: TaughtDrive, point: int) -> None:
-    """Remember that a drive came by, and how fast."""
-    strand.curve.speed[at] = np.fmax(strand.curve.speed[at], drive.curve.speed[point])
-    strand.is_forward[at] |= drive.direction > 0
-    strand.is_reverse[at] |= drive.direction < 0
-
-
 # --- nodes and edges
 def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
     """Return the network of curves that are cut at their branches; nodes that nothing branches at are left out."""
-    numbers: dict[tuple[int, int], int] = {}
-    nodes: dict[int, Node] = {}
+    numbers: dict[_Anchor, int] = {}
 
-    def node(strand: int, at: int) -> int:
-        item = strands[strand]
-        anchor = item.begin if at == 0 else item.end if at == len(item.curve) - 1 else None
-        if anchor is not None and (anchor.strand, anchor.at) != (strand, at):
-            return node(anchor.strand, anchor.at)
-        if (strand, at) not in numbers:
-            numbers[strand, at] = len(numbers)
-            nodes[numbers[strand, at]] = Node(numbers[strand, at], item.curve.point(at))
-        return numbers[strand, at]
+    def node(place: _Anchor) -> int:
+        item = strands[place.strand]
+        anchor = item.begin if place.at == 0 else item.end if place.at == len(item.curve) - 1 else None
+        return numbers.setdefault(place, len(numbers)) if anchor in (None, place) else node(anchor)
 
     edges: dict[int, RouteEdge] = {}
     for index, strand in enumerate(strands):
-        ways = np.stack([strand.is_forward, strand.is_reverse])
-        changes = np.flatnonzero(np.any(ways[:, 1:] != ways[:, :-1], axis=0)) + 1
-        ends = sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})
-        for first, last in pairwise(ends):
-            ends_at, middle = (node(index, first), node(index, last)), (first + last) // 2
-            may = bool(strand.is_forward[middle]), bool(strand.is_reverse[middle])
-            edges[len(edges)] = RouteEdge(len(edges), *ends_at, strand.curve.between(first, last), *may)
-    return _renumbered(_dissolved(Network(nodes, edges, {"home": node(0, 0)}, map_id)))
+        changes = np.flatnonzero(np.any(strand.ways[:, 1:] != strand.ways[:, :-1], axis=0)) + 1
+        for first, last in pairwise(sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})):
+            ends = node(_Anchor(index, first)), node(_Anchor(index, last))
+            may = strand.ways[:, (first + last) // 2].tolist()
+            edges[len(edges)] = RouteEdge(len(edges), *ends, strand.curve.between(first, last), *may)
+    home = node(_Anchor(0, 0))
+    nodes = {number: Node(number, strands[at.strand].curve.point(at.at)) for at, number in numbers.items()}
+    return _renumbered(_dissolved(Network(nodes, edges, {"home": home}, map_id)))
 
 
 def _dissolved(network: Network) -> Network:
