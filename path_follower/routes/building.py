@@ -103,29 +103,30 @@ def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
             ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
             strands.append(_Strand(drive.curve.between(first, last), ways))
     shared = [run for run in runs if run.on != OWN]
-    parts = [*pieces.values(), *shared]
+    parts = list(pieces.values()), shared
     for index, piece in pieces.items():
         strand, (before, after) = strands[piece.on], ends[index]
-        strand.begin = None if before is None else _resolve(parts, runs[index - 1].on, before)
-        strand.end = None if after is None else _resolve(parts, runs[index + 1].on, after)
+        strand.begin = None if before is None else _resolve(*parts, runs[index - 1].on, before)
+        strand.end = None if after is None else _resolve(*parts, runs[index + 1].on, after)
         for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
             if anchor is not None:
                 _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
                 strands[anchor.strand].cuts.add(anchor.at)
     for run in shared:
         for point, at in enumerate(run.at.tolist(), run.first):
-            anchor = _resolve(parts, run.on, at)
+            anchor = _resolve(*parts, run.on, at)
             strand = strands[anchor.strand]
             strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
             strand.ways[int(drive.direction < 0), anchor.at] = True
 
 
-def _resolve(parts: Sequence[_Run], on: int, at: int) -> _Anchor:
+def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], on: int, at: int) -> _Anchor:
     """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
     if on != HERE:
         return _Anchor(on, at)
-    part = min(parts, key=lambda one: max(one.first - at, at - one.last, 0))
-    return _resolve(parts, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
+    inside = [part for part in (*pieces, *shared) if part.first <= at <= part.last]
+    (part, *_) = inside or sorted(pieces or shared, key=lambda part: max(part.first - at, at - part.last))
+    return _resolve(pieces, shared, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
