@@ -38,7 +38,7 @@ from path_follower.constants import (
 )
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, between, wrap
-from path_follower.reasons import FINE, StopReason
+from path_follower.reasons import FINE, StopReason, first_of, over
 from path_follower.vehicle import ORIGIN, Predictor
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.odometry import PoseBuffer
@@ -161,10 +161,11 @@ class MotionConsistency:
         `is_driving`: the vehicle moves by our commands. A pose that jumps while it stands is none of our business.
         """
         doubt = judge_covariance(covariance, self.params.safety)
-        silent = self._judge_wheels(time_ns)
-        if doubt.stop is not FINE or silent is not FINE or not self.params.safety.is_motion_checked:
+        silence = (time_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0
+        stop = first_of(doubt.stop, over(StopReason.ODOM_TIMEOUT, silence, SENSOR_SILENCE))
+        if stop is not FINE or not self.params.safety.is_motion_checked:
             self._begin(None, NO_VARIANCE)
-            return doubt if doubt.stop is not FINE else replace(doubt, stop=silent)
+            return replace(doubt, stop=stop)
         variance = NO_VARIANCE if covariance is None else np.diagonal(covariance)
         last, now = self._last, Instant(time_ns, pose, self._wheels_at(time_ns))
         if last is None or not is_driving or not 0 < time_ns - last.time_ns <= MAX_GAP_NS:
@@ -212,17 +213,10 @@ class MotionConsistency:
             return Doubt(FINE, Verdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
         self._uncertain_ns = self._uncertain_ns if self._uncertain_ns >= 0 else now_ns
         seconds, limit = (now_ns - self._uncertain_ns) / 1e9, MAX_DEGRADED_TIME
-        if seconds <= limit:
-            return Doubt(FINE, uncertain, share)
         found = f"for {seconds:.3g} s, limit {limit:.3g}: {uncertain.detail}"
-        return Doubt(Verdict(uncertain.reason, seconds, limit, found), uncertain, share)
+        return Doubt(over(StopReason.POSE_UNCERTAIN, seconds, limit, found), uncertain, share)
 
     # --- wheels
-    def _judge_wheels(self, now_ns: int) -> Verdict:
-        """Return whether wheels that were heard are silent."""
-        silence, limit = (now_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0, SENSOR_SILENCE
-        return Verdict(StopReason.ODOM_TIMEOUT, silence, limit) if silence > limit else FINE
-
     def _wheels_at(self, time_ns: int) -> Reckoning | None:
         """Return the odometry at a time, between two messages or after the last; None before the first."""
         if not self._odometry or time_ns < self._odometry[0][0]:
@@ -247,24 +241,21 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     """
     if covariance is None:
         return Doubt()
+    found, values = "", np.linalg.eigvalsh(np.nan_to_num(covariance))
     if not np.isfinite(covariance).all():
-        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail="covariance: expected finite numbers"))
-    if not np.diagonal(covariance).all():
-        found = "covariance: expected that of x, y and yaw, found zeros: none is stated"
-        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=found))
-    values = np.linalg.eigvalsh(covariance)
-    if values[0] < -1e-6 * max(values[-1], 1e-6):
-        found = f"covariance: expected positive semidefinite, found the eigenvalue {values[0]:.3g}"
-        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=found))
+        found = "finite numbers"
+    elif not np.diagonal(covariance).all():
+        found = "that of x, y and yaw, found zeros: none is stated"
+    elif values[0] < -1e-6 * max(values[-1], 1e-6):
+        found = f"positive semidefinite, found the eigenvalue {values[0]:.3g}"
+    if found:
+        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=f"covariance: expected {found}"))
     position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     yaw = math.sqrt(max(float(covariance[2, 2]), 0.0))
     checks = ((position, limits.max_deviation, "m"), (yaw, MAX_YAW_DEVIATION, "rad"))
     value, limit, unit = max(checks, key=lambda check: check[0] / check[1])
-    if value <= limit:
-        return Doubt()
-    found = f"standard deviation {value:.3g} {unit}, limit {limit:.3g}"
-    slow = Verdict(StopReason.POSE_UNCERTAIN, value, limit, found, "driving slowly until the pose is certain again")
-    if value <= 2.0 * limit:
-        return Doubt(FINE, slow)
-    found = f"standard deviation {value:.3g} {unit}, limit {2.0 * limit:.3g}"
-    return Doubt(Verdict(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, found), slow)
+    found = f"standard deviation {value:.3g} {unit}, limit "
+    slow = over(StopReason.POSE_UNCERTAIN, value, limit, f"{found}{limit:.3g}")
+    if slow is not FINE:
+        slow = replace(slow, advice="driving slowly until the pose is certain again")
+    return Doubt(over(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, f"{found}{2.0 * limit:.3g}"), slow)

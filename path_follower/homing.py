@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 
 from path_follower.command import FollowerReport, TrackingError
-from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
+from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE
 from path_follower.follower import Follower
 from path_follower.modes import Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason
+from path_follower.reasons import FINE, StopReason, blocked, first_of, over
 from sphere_nav.localization.status import State, Verdict
 
 
@@ -72,12 +72,10 @@ class HomingFollower(Follower):
 
     def _judge_way(self) -> Verdict:
         """Return whether the direction is too far aside, or something stands in the way."""
-        angle = abs(self.direction or 0.0)
-        if angle > MAX_ANGLE:
-            return Verdict(StopReason.OFF_PATH, angle, MAX_ANGLE)
+        aside = over(StopReason.OFF_PATH, abs(self.direction or 0.0), MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return first_of(aside, blocked(count))
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end: be finished."""

@@ -144,7 +144,9 @@ class ReferencePath:
             edges = (first + np.arange(min(count, part.last))) % part.last
         else:
             edges = np.arange(first, min(first + count, part.last))
-        found = self._closest(pose, edges, last.segment)
+        feet = self._feet(pose, edges)
+        best = int(np.argmin(feet.distance))
+        found = self._location(pose, feet, best, int(edges[best]), last.segment)
         if self.is_closed:
             gone = (found.arc_length - begin + self.length / 2) % self.length - self.length / 2
             return replace(found, arc_length=last.arc_length + max(gone, 0.0))
@@ -187,11 +189,6 @@ class ReferencePath:
         share = np.clip(((pose.x - x0) * dx + (pose.y - y0) * dy) / square, 0.0, 1.0)
         off_x, off_y = pose.x - (x0 + share * dx), pose.y - (y0 + share * dy)
         return _Feet(share, off_x, off_y, np.hypot(off_x, off_y))
-
-    def _closest(self, pose: Pose2, edges: NDArray[np.intp], segment: int) -> Location:
-        feet = self._feet(pose, edges)
-        best = int(np.argmin(feet.distance))
-        return self._location(pose, feet, best, int(edges[best]), segment)
 
     def _location(self, pose: Pose2, feet: _Feet, best: int, edge: int, segment: int) -> Location:
         t = float(feet.share[best])

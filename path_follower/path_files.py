@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ from sphere_nav.geometry.files.untrusted import (
     load_yaml,
     mapping,
     number,
-    numbers,
+    read_as,
     read_text,
     required,
     short,
@@ -30,29 +29,15 @@ from sphere_nav.geometry.files.untrusted import (
 )
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 
-COLUMNS = {
-    "x": ("x", "x_m", "position_x", "east_m"),
-    "y": ("y", "y_m", "position_y", "north_m"),
-    "yaw": ("yaw", "yaw_rad", "psi", "psi_rad", "heading"),
-    "speed": ("speed", "speed_mps", "v", "vx_mps", "can_speed_mps"),
-}
-UNUSED = {
-    *("time", "t", "t_s", "stamp", "timestamp", "s", "s_m", "z", "z_m", "position_z"),
-    *("kappa", "kappa_radpm", "curvature", "yaw_rate", "ax_mps2", "w_tr_right_m", "w_tr_left_m"),
-}  # columns that are known, and not needed
-NAME = re.compile(r"[A-Za-z]\w*")
-UNBOUNDED = 1e3  # m/s
-USUAL_ORDER = ("x", "y", "yaw", "speed")
+COLUMNS = ("x", "y", "yaw", "speed")  # of a .csv, and of points in a .yaml
 POINTS_FIELDS = ("points", "is_closed", "map_id", "frame")
-CUT = "..."  # in place of what `ros2 topic echo` leaves out of a list
+UNBOUNDED = 1e3  # m/s
 GEOGRAPHIC = re.compile(r"CRS\s*:?8[34]|EPSG:+4\d{3}\b|WGS\s*84", re.IGNORECASE)  # longitude, latitude: no metres
+Line = tuple[tuple[float, ...], ...]
 
 
 class Given(NamedTuple):
-    """What a file holds: points (N, 2) m, headings (N,) rad and speeds (N,) m/s where known, and of which map.
-
-    `deviation` (N,) m: standard deviations across the way.
-    """
+    """What a file holds: points (N, 2) m, headings (N,) rad and speeds (N,) m/s where known, and of which map."""
 
     points: Array
     yaw: Array | None = None
@@ -60,7 +45,6 @@ class Given(NamedTuple):
     is_closed: bool = False
     map_id: str = ""
     frame: str = ""  # empty where the file does not say
-    deviation: Array | None = None
 
 
 def read_path(path: str | os.PathLike[str], params: FollowerParams) -> ReferencePath:
@@ -104,109 +88,129 @@ def _read_tum(file: Path) -> Given:
     taught = read_tum(file)
     xy = taught.positions[:, :2]
     yaw = told_headings(xy, taught.T_map_body.quaternion)
-    deviation = None if taught.covariances is None else np.sqrt(np.maximum(taught.covariances[:, 1, 1], 0.0))
-    return Given(xy, yaw, taught_speeds(xy, taught.stamps_ns), map_id=read_map_id(file), deviation=deviation)
+    return Given(xy, yaw, taught_speeds(xy, taught.stamps_ns), map_id=read_map_id(file))
 
 
 def _read_csv(file: Path) -> Given:
-    """Return the columns by the names of a header line, which may be a comment, else x, y[, yaw[, speed]]."""
+    """Return the columns by the names of a header line, else x, y[, yaw[, speed]]."""
     lines = enumerate(read_text(file, "file of points", errors="replace").split("\n"), 1)
-    found = [(f"{file}:{line}", text) for line, text in lines if text.strip()]
-    remarks = [(where, _words(text)) for where, text in found if text.startswith("#")]
-    rows = [(where, _words(text)) for where, text in found if not text.startswith("#")]
-    headers = [rows.pop(0)] if rows and _are_names(rows[0][1]) else remarks
+    told = [(f"{file}:{line}", text) for line, text in lines if text.strip() and not text.startswith("#")]
+    rows = [(where, [word.strip() for word in text.split(",")]) for where, text in told]
+    is_headed = bool(rows) and any(word[:1].isalpha() for word in rows[0][1])
+    where, order = rows.pop(0) if is_headed else (str(file), list(COLUMNS[: max(2, len(rows[0][1]) if rows else 0)]))
+    if not {"x", "y"} <= set(order) <= set(COLUMNS) or len(set(order)) < len(order):
+        raise ValueError(f"{where}: expected columns {', '.join(COLUMNS)}, found {short(', '.join(order))}")
     if not 1 <= len(rows) <= MAX_POINTS:
-        raise ValueError(
-            f"{file}: expected points{f', at most {MAX_POINTS}' * bool(rows)}, found {len(rows) or 'none'}"
-        )
-    width = len(rows[0][1])
-    named = [line for line in headers if _are_names(line[1]) and (headers is not remarks or len(line[1]) == width)]
-    order = _order(*named[0]) if named else list(USUAL_ORDER[:width])
-    if not named and width > 2 and not any("." in word for _, words in rows for word in words):
-        expected = f"a header line for whole numbers in {width} columns"
-        raise ValueError(f"{file}: expected {expected}, found none: decimal commas?")
+        raise ValueError(f"{file}: expected 1 to {MAX_POINTS} points, found {len(rows)}")
     table = dict(zip(order, np.array([_row(where, words, order) for where, words in rows]).T, strict=True))
     points = np.stack([table["x"], table["y"]], axis=-1)
     return Given(points, table.get("yaw"), table.get("speed"), map_id=read_map_id(file))
 
 
-def _words(text: str) -> list[str]:
-    """Return the words of a line, between semicolons where it has any, else commas."""
-    return [word.strip(" \t\"'") for word in text.lstrip("# ").split(";" if ";" in text else ",")]
-
-
-def _are_names(words: list[str]) -> bool:
-    """Whether a line tells names of columns."""
-    is_number = {"nan", "inf"} & {word.lower() for word in words}
-    return len(words) > 1 and not is_number and all(NAME.fullmatch(word) for word in words)
-
-
-def _order(where: str, names: list[str]) -> list[str]:
-    """Return our name of each column, empty for those not used; ValueError for a name that is not known."""
-    ours = {alias: name for name, aliases in COLUMNS.items() for alias in aliases} | dict.fromkeys(UNUSED, "")
-    order = [ours.get(name.lower(), CUT) for name in names]
-    used = [name for name in order if name]
-    if CUT in order or not {"x", "y"} <= set(order) or len(set(used)) < len(used):
-        known = "; ".join(f"{name} ({', '.join(aliases[1:])})" for name, aliases in COLUMNS.items())
-        raise ValueError(f"{where}: expected columns of the names {known}, found {short(', '.join(names))}")
-    return order
-
-
 def _row(where: str, words: list[str], order: list[str]) -> list[float]:
-    """Return the numbers of the columns that are used, NaN for the others."""
-    if len(words) != max(2, len(order)):
+    if len(words) != len(order):
         hint = ": decimal commas?" if len(words) >= 2 * len(order) else ""
-        raise ValueError(f"{where}: expected {max(2, len(order))} columns, found {len(words)}{hint}")
-    for word in words:
-        if "," in word:
-            raise ValueError(f"{where}: expected numbers with a decimal point, found {short(word)}")
-    return [number(word, f"{where}: {field}") if field else math.nan for field, word in zip(order, words, strict=True)]
+        raise ValueError(f"{where}: expected {len(order)} columns, found {len(words)}{hint}")
+    return [number(word, f"{where}: {name}") for name, word in zip(order, words, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Points:
+    points: Line
+    is_closed: bool = False
+    map_id: str = ""
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class _Header:
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class _Position:
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class _Orientation:
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+@dataclass(frozen=True)
+class _Pose:
+    position: _Position
+    orientation: _Orientation
+
+
+@dataclass(frozen=True)
+class _PoseStamped:
+    pose: _Pose
+    header: _Header = _Header()
+
+
+@dataclass(frozen=True)
+class _Path:
+    poses: tuple[_PoseStamped, ...]
+    header: _Header = _Header()
 
 
 def _read_yaml(file: Path) -> Given:
     """Read `points: [[x, y, yaw, speed], ...]`, or a nav_msgs/Path as `ros2 topic echo --once` writes it."""
-    text = read_text(file, "trajectory").rstrip().removesuffix("---")
-    found = load_yaml(file, text)
+    found = load_yaml(file, read_text(file, "trajectory").rstrip().removesuffix("---"))
     if isinstance(found, dict) and "poses" in found:
-        return _read_poses(file, found)
-    found = mapping(found, str(file), POINTS_FIELDS, POINTS_FIELDS[1:])
-    rows = _rows(found["points"], f"{file}: points")
-    width = len(rows[0]) if isinstance(rows[0], list) else 0
-    if not 2 <= width <= len(USUAL_ORDER):
-        raise ValueError(
-            f"{file}: points[0]: expected [x, y], [x, y, yaw] or [x, y, yaw, speed], found {short(rows[0])}"
-        )
-    table = np.array([numbers(row, f"{file}: points[{i}]", width) for i, row in enumerate(rows)])
-    yaw, speed = (table[:, i] if width > i else None for i in (2, 3))
-    is_closed = _flag(found, "is_closed", str(file))
-    map_id, frame = (_word(found, key, str(file)) for key in ("map_id", "frame"))
-    return Given(table[:, :2], yaw, speed, is_closed, map_id, frame)
+        return _read_poses(file, read_as(_Path, found, str(file)))
+    given: _Points = read_as(_Points, mapping(found, str(file), POINTS_FIELDS, POINTS_FIELDS[1:]), str(file))
+    widths = set(map(len, given.points))
+    if len(widths) != 1 or not widths <= {2, 3, 4}:
+        expected = "rows [x, y], [x, y, yaw] or [x, y, yaw, speed]"
+        raise ValueError(f"{file}: points: expected {expected}, found {short(given.points)}")
+    columns = np.array(given.points).T
+    yaw, speed = (columns[i] if len(columns) > i else None for i in (2, 3))
+    return Given(columns[:2].T, yaw, speed, given.is_closed, given.map_id, given.frame)
 
 
-def _read_poses(file: Path, found: Mapping[str, Any]) -> Given:
-    frame = _frame_of(found, str(file))
-    places: list[list[float]] = []
-    turns: list[list[float]] = []
-    for i, stamped in enumerate(_rows(found["poses"], f"{file}: poses")):
-        where = f"{file}: poses[{i}]"
-        pose = required(required(stamped, where, ("pose",))["pose"], where, ("position", "orientation"))
-        own = _frame_of(stamped, where)
-        frame = frame or own
+def _read_poses(file: Path, path: _Path) -> Given:
+    """Return positions, and headings where they are told; a leading slash of a frame is one of ROS 1."""
+    frames = [header.frame_id.lstrip("/") for header in (path.header, *(one.header for one in path.poses))]
+    frame = next(filter(None, frames), "")
+    for i, own in enumerate(frames):
         if own not in ("", frame):
-            raise ValueError(f"{where}.header.frame_id: expected {frame!r}, that of the path, found {short(own)}")
-        for part, axes, rows in (("position", "xy", places), ("orientation", "xyzw", turns)):
-            values = required(pose[part], f"{where}.{part}", tuple(axes))
-            rows.append([number(values[axis], f"{where}.{part}.{axis}") for axis in axes])
-        if any(turns[-1]) and abs(math.hypot(*turns[-1]) - 1.0) > 1e-2:
-            raise ValueError(f"{where}.orientation: expected a unit quaternion, found {short(turns[-1])}")
-    xy = np.array(places)
-    return Given(xy, told_headings(xy, np.array(turns)), frame=frame)
+            where = f"{file}: poses[{i - 1}].header.frame_id"
+            raise ValueError(f"{where}: expected {frame!r}, that of the path, found {short(own)}")
+    xy = np.array([astuple(one.pose.position) for one in path.poses]).reshape(-1, 2)
+    turns = np.array([astuple(one.pose.orientation) for one in path.poses]).reshape(-1, 4)
+    for bad in np.flatnonzero(turns.any(axis=1) & (np.abs(np.linalg.norm(turns, axis=1) - 1.0) > 1e-2)):
+        found = short(turns[bad].tolist())
+        raise ValueError(f"{file}: poses[{bad}].orientation: expected a unit quaternion, found {found}")
+    return Given(xy, told_headings(xy, turns), frame=frame)
 
 
-def _frame_of(stamped: Mapping[str, Any], where: str) -> str:
-    """Return the frame of a header, empty where it has none; a leading slash is one of ROS 1."""
-    header = required(stamped.get("header", {}), f"{where}: header", ())
-    return _word(header, "frame_id", where).lstrip("/")
+@dataclass(frozen=True)
+class _Named:
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class _Crs:
+    properties: _Named = _Named()
+
+
+@dataclass(frozen=True)
+class _Head:
+    type: str
+    crs: _Crs = _Crs()
+    map_id: str = ""
+
+
+@dataclass(frozen=True)
+class _Properties:
+    speed: float = UNBOUNDED
+    reverse: bool = False
 
 
 def _read_geojson(file: Path) -> Given:
@@ -216,65 +220,38 @@ def _read_geojson(file: Path) -> Given:
     with the property `reverse` is driven backwards, one with `speed` m/s not faster than that.
     """
     found = load_json(file, read_text(file, "GeoJSON"))
-    _check_crs(file, required(found, str(file), ("type",)).get("crs"))
+    head: _Head = read_as(_Head, found, str(file))
+    name = head.crs.properties.name
+    if not name or GEOGRAPHIC.search(name):
+        told = f"{short(name)}: longitude and latitude" if name else "none: longitude and latitude (RFC 7946)"
+        raise ValueError(f"{file}: crs.properties.name: expected that of a frame in metres, as 'local', found {told}")
     parts: list[tuple[Array, Array, Array]] = []
     for where, line, properties in _lines(str(file), found):
-        xy = np.array([numbers(point, where)[:2] for point in _rows(line, where)])
-        if xy.shape[1:] != (2,) or len(xy) < 2:
+        if len(line) < 2 or min(map(len, line)) < 2:
             raise ValueError(f"{where}: expected two points [x, y] or more, found {short(line)}")
+        xy = np.array([point[:2] for point in line])
         if parts and (gap := float(np.hypot(*(xy[0] - parts[-1][0][-1])))) > MAX_LINE_GAP:
             raise ValueError(f"{where}: expected a begin where the last line ends, found one {gap:.3g} m off")
         step = np.gradient(xy, axis=0)
-        yaw = np.arctan2(step[:, 1], step[:, 0]) + (np.pi if _flag(properties, "reverse", where) else 0.0)
-        speed = number(properties["speed"], f"{where}.speed") if "speed" in properties else UNBOUNDED
-        parts.append((xy, yaw, np.full(len(xy), speed)))
+        yaw = np.arctan2(step[:, 1], step[:, 0]) + (np.pi if properties.reverse else 0.0)
+        parts.append((xy, yaw, np.full(len(xy), properties.speed)))
     if not parts:
         raise ValueError(f"{file}: expected a LineString or a MultiLineString, found none")
     xy, yaw, speeds = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Given(xy, yaw, speeds, map_id=_word(found, "map_id", str(file)))
+    return Given(xy, yaw, speeds, map_id=head.map_id)
 
 
-def _check_crs(file: Path, found: Any) -> None:
-    properties = found.get("properties") if isinstance(found, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if not isinstance(name, str) or GEOGRAPHIC.search(name):
-        told = (
-            f"{short(name)}: longitude and latitude" if name else "none, which means longitude and latitude (RFC 7946)"
-        )
-        raise ValueError(f"{file}: crs.properties.name: expected that of a frame in metres, as 'local', found {told}")
-
-
-def _lines(where: str, found: Any) -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
+def _lines(where: str, found: Any) -> Iterator[tuple[str, Line, _Properties]]:
     """Yield where a line stands, its coordinates and the properties of its feature; points and areas count not."""
     if found["type"] == "FeatureCollection":
-        for i, feature in enumerate(_rows(required(found, where, ("features",))["features"], f"{where}: features")):
+        features = required(found, where, ("features",))["features"]
+        for i, feature in enumerate(features if isinstance(features, list) else ()):
             yield from _lines(f"{where}: features[{i}]", required(feature, f"{where}: features[{i}]", ("type",)))
         return
-    properties = found.get("properties") or {}
-    geometry = found.get("geometry") if found["type"] == "Feature" else found
-    kind = required(geometry, f"{where}: geometry", ("type",))["type"]
-    if kind == "LineString":
-        yield where, required(geometry, where, ("coordinates",))["coordinates"], properties
-    elif kind == "MultiLineString":
-        for line in _rows(required(geometry, where, ("coordinates",))["coordinates"], where):
+    properties: _Properties = read_as(_Properties, found.get("properties") or {}, where)
+    geometry = required(found.get("geometry", found), f"{where}: geometry", ("type", "coordinates"))
+    if geometry["type"] == "LineString":
+        yield where, read_as(Line, geometry["coordinates"], where), properties
+    elif geometry["type"] == "MultiLineString":
+        for line in read_as(tuple[Line, ...], geometry["coordinates"], where):
             yield where, line, properties
-
-
-def _rows(found: Any, where: str) -> list[Any]:
-    if isinstance(found, list) and CUT in found:
-        raise ValueError(f"{where}: expected all of them, found a list cut by ros2 topic echo: use --full-length")
-    if not isinstance(found, list) or not 1 <= len(found) <= MAX_POINTS:
-        raise ValueError(f"{where}: expected a list of 1 to {MAX_POINTS}, found {short(found)}")
-    return found
-
-
-def _word(found: Mapping[str, Any], field: str, where: str) -> str:
-    if not isinstance(word := found.get(field, ""), str):
-        raise ValueError(f"{where}: {field}: expected a text, found {short(word)}")
-    return word
-
-
-def _flag(found: Mapping[str, Any], field: str, where: str) -> bool:
-    if not isinstance(flag := found.get(field, False), bool):
-        raise ValueError(f"{where}: {field}: expected true or false, found {short(flag)}")
-    return flag

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 
+from path_follower.constants import MIN_POINTS
 from sphere_nav.localization.status import Verdict
 
 
@@ -100,6 +101,21 @@ def describe(verdict: Verdict) -> str:
         return ""
     found = verdict.detail or (f"found {verdict.value:.3g}, limit {verdict.limit:.3g}" if verdict.limit else "")
     return ": ".join(filter(None, (verdict.reason, found, verdict.advise(REMEDIES))))
+
+
+def over(reason: StopReason, value: float, limit: float, detail: str = "") -> Verdict:
+    """Return a verdict on a value above its limit; else FINE."""
+    return Verdict(reason, value, limit, detail) if value > limit else FINE
+
+
+def blocked(count: int) -> Verdict:
+    """Return a verdict on so many points of a scan in the way."""
+    return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+
+
+def first_of(*verdicts: Verdict) -> Verdict:
+    """Return the first that is not FINE, if there is one."""
+    return next((verdict for verdict in verdicts if verdict is not FINE), FINE)
 
 
 def severity_of(verdict: Verdict) -> Severity:

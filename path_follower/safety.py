@@ -11,11 +11,11 @@ import math
 import numpy as np
 
 from path_follower.consistency import Doubt
-from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, MIN_POINTS, SEARCH_WINDOW, SENSOR_SILENCE
+from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, SEARCH_WINDOW, SENSOR_SILENCE
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason
+from path_follower.reasons import FINE, StopReason, blocked, first_of, over
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED, Reason, State, Verdict
 
@@ -95,11 +95,12 @@ class SafetyMonitor:
             return self.outside
         if self.is_pose_bad:
             return Verdict(StopReason.BAD_POSE, detail=self.refusal)
-        judged = self._judge_pose(now_ns), self.doubt.stop, self._judge_status(now_ns), self._judge_scan(now_ns)
-        for verdict in judged:
-            if verdict is not FINE:
-                return verdict
-        return FINE
+        limits, scan = self.params.safety, FINE
+        pose = _silence(StopReason.POSE_TIMEOUT, self.pose_ns, now_ns, limits.max_pose_silence, "pose", self.refusal)
+        if self.scan_ns >= 0 or limits.is_scan_required or self.scan_refusal:
+            refused = self.scan_refusal
+            scan = _silence(StopReason.SCAN_TIMEOUT, self.scan_ns, now_ns, SENSOR_SILENCE, "scan", refused)
+        return first_of(pose, self.doubt.stop, self._judge_status(now_ns), scan)
 
     def judge_map(self, path: ReferencePath) -> Verdict:
         """Return whether the path is one of the localiser's map, as far as both say of which they are."""
@@ -109,12 +110,10 @@ class SafetyMonitor:
 
     def judge_place(self, location: Location) -> Verdict:
         """Return whether the vehicle has left the path."""
-        limits = self.params.safety
-        if location.distance > limits.max_distance:
-            return Verdict(StopReason.OFF_PATH, location.distance, limits.max_distance)
-        if abs(location.heading_error) > MAX_OFF_HEADING:
-            return Verdict(StopReason.OFF_PATH, abs(location.heading_error), MAX_OFF_HEADING)
-        return FINE
+        return first_of(
+            over(StopReason.OFF_PATH, location.distance, self.params.safety.max_distance),
+            over(StopReason.OFF_PATH, abs(location.heading_error), MAX_OFF_HEADING),
+        )
 
     def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
         """Return whether something stands in the way: in the footprint swept until the vehicle could stop."""
@@ -122,12 +121,11 @@ class SafetyMonitor:
             return FINE
         distance = stopping_distance(speed, self.params)
         count = points_in_way(self.points, self.pose, path, location, distance, self.params)
-        return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return blocked(count)
 
     def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
         assert self.pose is not None
-        limits = self.params.safety
         if (other := self.judge_map(path)) is not FINE:
             return other, None
         if last is not None:
@@ -137,51 +135,36 @@ class SafetyMonitor:
         here = path.locate(self.pose)
         if here is None:
             return Verdict(StopReason.OFF_PATH, math.pi, MAX_OFF_HEADING), None
-        if here.distance > limits.max_distance:
-            return Verdict(StopReason.OFF_PATH, here.distance, limits.max_distance), None
-        return self.judge_way(path, here, 0.0), here
-
-    def _judge_pose(self, now_ns: int) -> Verdict:
-        limit, refused = self.params.safety.max_pose_silence, f" (refused: {self.refusal})" if self.refusal else ""
-        if self.pose_ns < 0:
-            return Verdict(StopReason.POSE_TIMEOUT, 0.0, limit, f"no pose yet{refused}")
-        age = (now_ns - self.pose_ns) / 1e9
-        if age > limit:
-            return Verdict(StopReason.POSE_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
-        return FINE
+        far = over(StopReason.OFF_PATH, here.distance, self.params.safety.max_distance)
+        return (self.judge_way(path, here, 0.0), here) if far is FINE else (far, None)
 
     def _judge_status(self, now_ns: int) -> Verdict:
-        limits = self.params.safety
+        limits, lost = self.params.safety, StopReason.NOT_LOCALISED
         if not limits.is_status_required:
             return FINE
-        if self.status_ns < 0:
-            return Verdict(StopReason.STATUS_TIMEOUT, 0.0, limits.max_status_silence, "no status yet")
-        age = (now_ns - self.status_ns) / 1e9
-        if age > limits.max_status_silence:
-            return Verdict(StopReason.STATUS_TIMEOUT, age, limits.max_status_silence)
+        silent = _silence(StopReason.STATUS_TIMEOUT, self.status_ns, now_ns, limits.max_status_silence, "status")
+        if silent is not FINE:
+            return silent
         if self.state not in TRUSTED:
             found = f"{self.state} {self.state_reason}".strip()
-            return Verdict(StopReason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
+            return Verdict(lost, detail=f"the localiser is {found}" if found else "")
         if self.state_reason == Reason.FROZEN:  # the camera shows the past: no prediction carries over that
-            return Verdict(StopReason.NOT_LOCALISED, detail="the camera repeats an image")
+            return Verdict(lost, detail="the camera repeats an image")
         blind, degraded = _since(self.blind_ns, now_ns), _since(self.degraded_ns, now_ns)
-        if blind > limits.max_blind_time:
-            found = f"no image confirms the pose for {blind:.3g} s, limit {limits.max_blind_time:.3g}"
-            return Verdict(StopReason.NOT_LOCALISED, blind, limits.max_blind_time, found)
-        if degraded > MAX_DEGRADED_TIME:
-            return Verdict(StopReason.LOCALISATION_DEGRADED, degraded, MAX_DEGRADED_TIME)
-        return FINE
+        found = f"no image confirms the pose for {blind:.3g} s, limit {limits.max_blind_time:.3g}"
+        return first_of(
+            over(lost, blind, limits.max_blind_time, found),
+            over(StopReason.LOCALISATION_DEGRADED, degraded, MAX_DEGRADED_TIME),
+        )
 
-    def _judge_scan(self, now_ns: int) -> Verdict:
-        limit, why = SENSOR_SILENCE, self.scan_refusal
-        refused = f" (refused: {why})" if why else ""
-        if self.scan_ns < 0:
-            missing = Verdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")
-            return missing if self.params.safety.is_scan_required or why else FINE
-        age = (now_ns - self.scan_ns) / 1e9
-        if age > limit:
-            return Verdict(StopReason.SCAN_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
-        return FINE
+
+def _silence(reason: StopReason, heard_ns: int, now_ns: int, limit: float, what: str, refused: str = "") -> Verdict:
+    """Return whether something has not come yet, or not for longer than a limit in s."""
+    told = f" (refused: {refused})" if refused else ""
+    if heard_ns < 0:
+        return Verdict(reason, 0.0, limit, f"no {what} yet{told}")
+    age = (now_ns - heard_ns) / 1e9
+    return over(reason, age, limit, f"found {age:.3g} s, limit {limit:.3g}{told}")
 
 
 def _since(begin_ns: int, now_ns: int) -> float:

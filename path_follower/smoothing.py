@@ -8,7 +8,7 @@ import numpy as np
 
 from path_follower.constants import MAX_BEND, MIN_SPACING, SPACING
 from path_follower.params import PathParams
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 
@@ -70,10 +70,8 @@ def _close(points: Array, spacing: float) -> Array:
 
 
 def _resample(points: Array, spacing: float, *, is_closed: bool) -> Array:
-    chords = np.diff(points, axis=0)
-    lengths = np.hypot(*chords.T)
-    keep = np.concatenate([[True], lengths > 1e-9])
-    points, way = points[keep], np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
+    points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-9)]
+    way = arc_lengths(points)
     even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
     if len(points) < 4 or _largest_bend(points) > MAX_BEND:
         return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
@@ -124,6 +122,5 @@ def _measure(points: Array, spacing: float, *, is_closed: bool) -> Curve:
     position, first, second = spline(even), spline(even, 1), spline(even, 2)
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     bend = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
-    steps = np.hypot(*np.diff(position, axis=0).T)
     tangent = np.unwrap(np.arctan2(first[:, 1], first[:, 0]))
-    return Curve(position[:, 0], position[:, 1], tangent, bend, np.concatenate([[0.0], np.cumsum(steps)]))
+    return Curve(position[:, 0], position[:, 1], tangent, bend, arc_lengths(position))

@@ -83,12 +83,11 @@ def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) ->
         raise ValueError(f"path: expected 2 to {MAX_POINTS} points (x, y), found shape {xy.shape}")
     headings = None if yaw is None else np.asarray(yaw, dtype=np.float64)
     speeds = np.full(len(xy), np.nan) if speed is None else np.abs(np.asarray(speed, dtype=np.float64))
-    for name, values in (("position", xy), ("yaw", headings)):
-        if values is not None and not np.all(np.isfinite(values)):
-            bad = int(np.flatnonzero(~np.isfinite(values).reshape(len(xy), -1).all(axis=-1))[0])
-            raise ValueError(f"path: point {bad}: {name}: expected finite numbers, found {values[bad].tolist()}")
     if speeds.shape != (len(xy),) or (headings is not None and headings.shape != (len(xy),)):
         raise ValueError(f"path: expected {len(xy)} headings and speeds")
+    table = xy if headings is None else np.column_stack([xy, headings])
+    for bad in np.flatnonzero(~np.isfinite(table).all(axis=1)):
+        raise ValueError(f"path: point {bad}: expected finite numbers, found {table[bad].tolist()}")
     gaps = np.hypot(*np.diff(xy, axis=0).T)
     if gaps.max() > MAX_GAP:
         far = int(np.argmax(gaps)) + 1
@@ -183,26 +182,16 @@ def _join(
     vehicle: VehicleParams,
     is_closed: bool,
 ) -> ReferencePath:
-    segments, speeds, ways, begin, start = [], [], [], 0, 0.0
     unhurried = replace(driving, cruise=vehicle.max_speed)
+    segments: list[Segment] = []
+    columns: list[tuple[Array, ...]] = []
+    begin, start = 0, 0.0
     for curve, direction, bound in zip(curves, directions, bounds, strict=True):
         segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
         limits = np.minimum(bound, speed_limits(curve.way, curve.bend, unhurried, vehicle))
-        speeds.append(direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed))
-        ways.append(start + curve.way)
+        speed = direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed)
+        yaw = curve.tangent + (np.pi if direction < 0 else 0.0)
+        columns.append((curve.x, curve.y, yaw, direction * curve.bend, start + curve.way, speed))
         begin, start = begin + len(curve.way), start + float(curve.way[-1])
-    yaw = [
-        curve.tangent + (np.pi if direction < 0 else 0.0) for curve, direction in zip(curves, directions, strict=True)
-    ]
-    bend = [direction * curve.bend for curve, direction in zip(curves, directions, strict=True)]
-    path = ReferencePath(
-        x=np.concatenate([curve.x for curve in curves]),
-        y=np.concatenate([curve.y for curve in curves]),
-        yaw=np.concatenate(yaw),
-        curvature=np.concatenate(bend),
-        arc_length=np.concatenate(ways),
-        speed=np.concatenate(speeds),
-        segments=tuple(segments),
-        is_closed=is_closed,
-    )
-    return path.at_cruise(driving.cruise)
+    x, y, yaw, bend, way, speed = (np.concatenate(column) for column in zip(*columns, strict=True))
+    return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments), is_closed).at_cruise(driving.cruise)

@@ -154,13 +154,12 @@ class Predictor:
         """Begin at standstill."""
         self.vehicle = vehicle
         self.actuation = actuation
-        self.commands: deque[tuple[int, Motion]] = deque()
-        self.states: deque[tuple[int, Motion]] = deque()
+        self.history: deque[tuple[int, Motion, Motion]] = deque()  # when, what was commanded, and what was done then
 
     @property
     def motion(self) -> Motion:
         """What the actuators are thought to do now."""
-        return self.states[-1][1] if self.states else STANDSTILL
+        return self.history[-1][2] if self.history else STANDSTILL
 
     @property
     def is_standing(self) -> bool:
@@ -169,15 +168,10 @@ class Predictor:
 
     def remember(self, now_ns: int, command: Motion) -> None:
         """Take note of a command that was given."""
-        if self.states:
-            then, state = self.states[-1]
-            self.states.append((now_ns, self._run(state, then, now_ns)[0]))
-        else:
-            self.states.append((now_ns, STANDSTILL))
-        self.commands.append((now_ns, command))
-        while len(self.commands) > 2 and self.commands[1][0] < now_ns - HISTORY_NS:
-            self.commands.popleft()
-            self.states.popleft()
+        state = self._run(self.motion, self.history[-1][0], now_ns)[0] if self.history else STANDSTILL
+        self.history.append((now_ns, command, state))
+        while len(self.history) > 2 and self.history[1][0] < now_ns - HISTORY_NS:
+            self.history.popleft()
 
     def predict(self, pose: Pose2, stamp_ns: int, now_ns: int, speed: float | None) -> Pose2:
         """Return the pose when a command given now has acted: at now + dead time + steering lag.
@@ -200,12 +194,11 @@ class Predictor:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.commands.clear()
-        self.states.clear()
+        self.history.clear()
 
     def _state_at(self, stamp_ns: int) -> Motion:
         state, then = STANDSTILL, None
-        for then, state in reversed(self.states):
+        for then, _, state in reversed(self.history):
             if then <= stamp_ns:
                 return self._run(state, then, stamp_ns)[0]
         return state
@@ -228,7 +221,7 @@ class Predictor:
         return Motion(speed, angle), pose
 
     def _command_at(self, stamp_ns: int) -> Motion:
-        for given, command in reversed(self.commands):
+        for given, command, _ in reversed(self.history):
             if given <= stamp_ns:
                 return command
         return STANDSTILL

@@ -89,7 +89,7 @@ def calibrate(
     errors = adjusted.solution.residuals
     found = spread(start.problem, state, errors, adjusted.kept)
     checked = validate(start.problem, state, adjusted.kept)
-    notes = warnings(tuple(names), found, state.T_world_rig)
+    notes = warnings(names, found)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
     notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)

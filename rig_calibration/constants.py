@@ -80,7 +80,6 @@ OWN_STEPS, MIN_OWN_STEP = 10, 1e-3  # of pose and light of an image under a give
 APART = 0.5  # of how far both halves are off the given lens: as far may they be from each other; chance gives 2
 LENS_GRID = (9, 7)  # pixels at which two lenses are compared
 SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error
-BLAMED = 2.0  # times more would be known of a parameter, were another one known: both are not told apart
 
 # Mounting by odometry (drive/test_mounting): x y z roll pitch yaw in m and rad, scales of ways and turns
 PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first

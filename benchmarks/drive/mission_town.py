@@ -229,7 +229,7 @@ def tour_network() -> Network:
     """Return the network of the tour as it was meant."""
     way = rounded_way(TOUR)
     x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
-    return named(build_network([TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city", 1.2))
+    return named(build_network([TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city"))
 
 
 def named(network: Network) -> Network:

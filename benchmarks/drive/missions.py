@@ -101,7 +101,7 @@ class CameraTown(Town):
         self.states: Counter[str] = Counter()  # of images under way
         self.errors: list[float] = []  # of poses, m
         self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
-        super().__init__(folder, seed, named(read_network_of([taught], map_id_of(made), 1.2)))
+        super().__init__(folder, seed, named(read_network_of([taught], map_id_of(made))))
         self.simulator = simulate(seed, OTHER_DAY | {"mode": "drive", "noise_seed": seed})
         self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
         self.simulator.step(VehicleCommand(), STEP_NS)

@@ -63,7 +63,7 @@ def session(rule: str, count: int, draw: random.Random, folder: Path) -> list[tu
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
     folder.mkdir()
     x = np.arange(0.0, LENGTH, 0.1)
-    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
+    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))])
     write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
     path = write_straight(folder)
     with Processes(folder) as nodes:

@@ -231,20 +231,17 @@ class Cycle:
 
     def __init__(self) -> None:
         self._last_ns = 0
-        self._longest: deque[tuple[int, int]] = deque()  # ns of its end and ns; ever shorter
+        self._looks: deque[tuple[int, int]] = deque()  # ns, and ns since the one before
 
     def observe(self, now_ns: int) -> None:
         """Note a look."""
         if self._last_ns:
-            took = now_ns - self._last_ns
-            while self._longest and self._longest[-1][1] <= took:
-                self._longest.pop()
-            self._longest.append((now_ns, took))
-            while now_ns - self._longest[0][0] > CYCLE_MEMORY_NS:
-                self._longest.popleft()
+            self._looks.append((now_ns, now_ns - self._last_ns))
+            while now_ns - self._looks[0][0] > CYCLE_MEMORY_NS:
+                self._looks.popleft()
         self._last_ns = now_ns
 
     @property
     def worst(self) -> float:
         """In seconds; 0 before the second look."""
-        return self._longest[0][1] / 1e9 if self._longest else 0.0
+        return max((took for _, took in self._looks), default=0) / 1e9

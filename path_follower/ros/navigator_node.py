@@ -70,8 +70,8 @@ class RouteNavigator(ManagedNode):
         self.add_subscription("status", LocalizationStatus, self.on_localizer, qos.STATE)
         self.add_subscription(f"{FOLLOWER}/status", FollowerStatus, self.on_follower, qos.STATE)
         self.follower = self.endpoints.add_client(f"{FOLLOWER}/drive", Drive)
-        self.add_service("~/pause", Trigger, self.on_pause)
-        self.add_service("~/resume", Trigger, self.on_resume)
+        for name in ("pause", "resume"):
+            self.add_service(f"~/{name}", Trigger, partial(self.on_call, name))
         self.add_service("~/close_edge", CloseEdge, self.on_close)
         self.add_service("~/plan", PlanRoute, self.on_plan)
         offers = [("navigate", Navigate, self._goal, self._result)]
@@ -116,17 +116,12 @@ class RouteNavigator(ManagedNode):
         view = FollowerView(*text, progress, left, self.now())
         self.mission.see_follower(view)
 
-    def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Pause."""
-        response.message = self.mission.pause(self.now())
+    def on_call(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Pause or resume."""
+        response.message = {"pause": self.mission.pause, "resume": self.mission.resume}[name](self.now())
         response.success = not response.message
-        self.go_on()
-        return response
-
-    def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Resume."""
-        response.message = self.mission.resume(self.now())
-        response.success = not response.message
+        if name == "pause":
+            self.go_on()
         return response
 
     def on_close(self, request: CloseEdge.Request, response: CloseEdge.Response) -> CloseEdge.Response:

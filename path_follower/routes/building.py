@@ -9,15 +9,16 @@ and goes over to what was driven within some metres. Curves are then cut at the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
-from path_follower.path import between, turned_by, wrap
+from path_follower.path import between, turned_by
 from path_follower.routes.constants import (
     ALIKE,
     BLEND,
@@ -31,36 +32,37 @@ from path_follower.routes.constants import (
     TURN_SCALE,
 )
 from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
 
 
 @dataclass(frozen=True, eq=False)
 class TaughtDrive:
-    """A taught curve, driven forward (1) or backwards (-1); `deviation` (N,) m across as localised, NaN unknown."""
+    """A taught curve, driven forward (1) or backwards (-1)."""
 
     curve: EdgeCurve
     direction: int = 1
-    deviation: Array | None = None
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Run:
-    """Points first ... last of a drive that lie alongside points `at` of a curve, or on none."""
+    """Points of a drive from `first` on that lie alongside points `at` of a curve, or on none."""
 
     on: int
     first: int
-    last: int
     at: Indices
 
     @property
     def count(self) -> int:
-        return self.last - self.first + 1
+        return len(self.at)
+
+    @property
+    def last(self) -> int:
+        return self.first + len(self.at) - 1
 
 
-@dataclass(frozen=True)
-class _Anchor:
+class _Anchor(NamedTuple):
     """A point of a curve where another one begins or ends."""
 
     strand: int
@@ -69,81 +71,62 @@ class _Anchor:
 
 @dataclass(eq=False)
 class _Strand:
-    """A curve of the network before it is cut, and for each point what the drives say of it."""
+    """A curve of the network before it is cut, and whether each point was driven forward, and backwards (2, N)."""
 
     curve: EdgeCurve
-    is_forward: Array
-    is_reverse: Array
-    deviation: Array
-    count: Array
-    low: Array
-    high: Array
+    ways: Flags
     begin: _Anchor | None = None
     end: _Anchor | None = None
     cuts: set[int] = field(default_factory=set)
 
-    @classmethod
-    def of(cls, drive: TaughtDrive, first: int, last: int) -> _Strand:
-        part = slice(first, last + 1)
-        curve, count = drive.curve.between(first, last), last - first + 1
-        deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
-        ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
-        return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
 
-
-def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float = 0.0) -> Network:
-    """Return the network of drives; the first of them begins at the place `home`. `width` m of the vehicle's body."""
+def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
+    """Return the network of drives; the first of them begins at the place `home`."""
     if not drives:
         raise ValueError("network: expected drives, found none")
     strands: list[_Strand] = []
     for drive in drives:
         _add_drive(strands, drive)
-    return _cut(strands, map_id, width)
+    return _cut(strands, map_id)
 
 
 # --- alongside
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    anchors = [_anchors(strands, drive.curve, runs, index) for index in range(len(runs))]
-    own = [index for index, run in enumerate(runs) if run.on == OWN]
-    pieces = {
-        index: (len(strands) + count, anchors[index][0][0], anchors[index][1][0]) for count, index in enumerate(own)
-    }
-    for _, first, last in pieces.values():
-        strands.append(_Strand.of(drive, first, last))
-    for index, (number, _, _) in pieces.items():
-        strand, ((_, before), (_, after)) = strands[number], anchors[index]
-        strand.begin = None if before is None else _resolve(runs, pieces, runs[index - 1], before)
-        strand.end = None if after is None else _resolve(runs, pieces, runs[index + 1], after)
+    pieces: dict[int, _Run] = {}
+    ends = {}
+    for index, run in enumerate(runs):
+        if run.on == OWN:
+            (first, before), (last, after) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
+            pieces[index], ends[index] = _Run(len(strands), first, np.arange(last - first + 1)), (before, after)
+            ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
+            strands.append(_Strand(drive.curve.between(first, last), ways))
+    shared = [run for run in runs if run.on != OWN]
+    parts = list(pieces.values()), shared
+    for index, piece in pieces.items():
+        strand, (before, after) = strands[piece.on], ends[index]
+        strand.begin = None if before is None else _resolve(*parts, runs[index - 1].on, before)
+        strand.end = None if after is None else _resolve(*parts, runs[index + 1].on, after)
         for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
             if anchor is not None:
                 _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
                 strands[anchor.strand].cuts.add(anchor.at)
-    for run in runs:
-        if run.on != OWN:
-            passed = [_resolve(runs, pieces, run, int(at)) for at in run.at]
-            for offset, anchor in enumerate(passed):
-                _note(strands[anchor.strand], anchor.at, drive, run.first + offset)
-            for anchor in set(passed):
-                strands[anchor.strand].count[anchor.at] += 1
+    for run in shared:
+        for point, at in enumerate(run.at.tolist(), run.first):
+            anchor = _resolve(*parts, run.on, at)
+            strand = strands[anchor.strand]
+            strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
+            strand.ways[int(drive.direction < 0), anchor.at] = True
 
 
-def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], run: _Run, at: int) -> _Anchor:
-    """Return the point of a curve that a run lies on; of what the drive itself did, where that has gone.
-
-    `pieces`: number, first and last point of the curves that runs of its own have become.
-    """
-    if run.on != HERE:
-        return _Anchor(run.on, at)
-    for number, first, last in pieces.values():
-        if first <= at <= last:
-            return _Anchor(number, at - first)
-    for other in runs:
-        if other.on != OWN and other.first <= at <= other.last:
-            return _resolve(runs, pieces, other, int(other.at[at - other.first]))
-    number, first, last = min(pieces.values(), key=lambda piece: min(abs(piece[1] - at), abs(piece[2] - at)))
-    return _Anchor(number, min(max(at - first, 0), last - first))
+def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], on: int, at: int) -> _Anchor:
+    """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
+    if on != HERE:
+        return _Anchor(on, at)
+    inside = [part for part in (*pieces, *shared) if part.first <= at <= part.last]
+    (part, *_) = inside or sorted(pieces or shared, key=lambda part: max(part.first - at, at - part.last))
+    return _resolve(pieces, shared, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
@@ -162,26 +145,19 @@ def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
         if on not in near:
             on = min(near, key=lambda k: float(near[k][0])) if near else OWN
         at = int(near[on][1]) if on != OWN else -1
-        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING)
-        if is_next:
-            runs[-1].last = point
-            runs[-1].at = np.append(runs[-1].at, at)
-        else:
-            runs.append(_Run(on, point, point, np.array([at], dtype=np.intp)))
+        run = _Run(on, point, np.array([at], dtype=np.intp))
+        if runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING):
+            run = _with(runs.pop(), run)
+        runs.append(run)
     return runs
 
 
 def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
     at = np.arange(last, min(last + round(1.0 / SPACING), len(there)), dtype=np.intp)
-    off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
-    best = int(at[np.argmin(off)])
-    turned = abs(wrap(float(there.yaw[best] - curve.yaw[point])))
-    return (
-        best
-        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / SPACING)
-        else -1
-    )
+    best = at[np.argmin(np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point]))]
+    is_past = there is not curve or point - best > PAST / SPACING
+    return int(_on_lane(there, curve, best, point)[1]) if is_past else -1
 
 
 def _features(curve: EdgeCurve) -> Array:
@@ -191,12 +167,17 @@ def _features(curve: EdgeCurve) -> Array:
 
 def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
+    return _nearest(there, len(there), curve, np.arange(len(curve)))
+
+
+def _nearest(there: EdgeCurve, known: int, curve: EdgeCurve, points: Indices) -> tuple[Array, Indices]:
+    """The same of some points of a curve, and the first `known` points of the other one."""
     reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
-    _, at = cKDTree(_features(there)).query(_features(curve), distance_upper_bound=reach)
-    return _on_lane(there, curve, np.where(at < len(there), at, -1).astype(np.intp), np.arange(len(curve)))
+    _, at = cKDTree(_features(there)[:known]).query(_features(curve)[points], distance_upper_bound=reach)
+    return _on_lane(there, curve, np.where(at < known, at, -1).astype(np.intp), points)
 
 
-def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> tuple[Array, Indices]:
+def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = turned_by(there.yaw[at], curve.yaw[points])
     is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
@@ -207,13 +188,9 @@ def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     """The same of a curve and what it did at least PAST m before."""
     off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
     past, block = round(PAST / SPACING), round(5.0 / SPACING)
-    features = _features(curve)
-    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
     for begin in range(past + 1, len(curve), block):
         points = np.arange(begin, min(begin + block, len(curve)))
-        known = begin - past
-        _, at = cKDTree(features[:known]).query(features[points], distance_upper_bound=reach)
-        off[points], found[points] = _on_lane(curve, curve, np.where(at < known, at, -1).astype(np.intp), points)
+        off[points], found[points] = _nearest(curve, begin - past, curve, points)
     return off, found
 
 
@@ -237,11 +214,14 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
         for run in _joined(closed)
     ]
     whole = _joined(kept)
-    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / SPACING:
-        whole = whole[1:]
-    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / SPACING:
-        whole = whole[:-1]
+    for end in (0, -1):
+        if len(whole) > 1 and whole[end].on == OWN and whole[end].count < STUB / SPACING:
+            del whole[end]
     return _with_changes(strands, whole)
+
+
+def _with(run: _Run, following: _Run) -> _Run:
+    return replace(run, at=np.concatenate([run.at, following.at]))
 
 
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
@@ -249,7 +229,7 @@ def _joined(runs: Iterable[_Run]) -> list[_Run]:
     for run in runs:
         last = joined[-1] if joined else None
         if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
-            joined[-1] = _Run(run.on, last.first, run.last, np.concatenate([last.at, run.at]))
+            joined[-1] = _with(last, run)
         else:
             joined.append(run)
     return joined
@@ -263,10 +243,9 @@ def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
         last = result[-1] if result else None
         if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
             before, after = min(half, last.count - 1), min(half, run.count - 1)
-            first, end = last.last + 1 - before, run.first + after - 1
-            result[-1] = replace(last, last=first - 1, at=last.at[: last.count - before])
-            result.append(_Run(OWN, first, end, np.full(end - first + 1, -1, dtype=np.intp)))
-            run = replace(run, first=end + 1, at=run.at[after:])
+            result[-1] = replace(last, at=last.at[: last.count - before])
+            result.append(_Run(OWN, last.last + 1 - before, np.full(before + after, -1, dtype=np.intp)))
+            run = replace(run, first=run.first + after, at=run.at[after:])
         result.append(run)
     return result
 
@@ -283,34 +262,27 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 
 
 # --- branches
-def _anchors(
-    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int
-) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
-    """Return where a run of its own begins and ends: on the drive, and on the curve before or behind; None: on none."""
-    run = runs[index]
-    if run.on != OWN:
-        return (run.first, None), (run.last, None)
-    begin: tuple[int, int | None] = (run.first, None)
-    end: tuple[int, int | None] = (run.last, None)
-    window = round(BLEND / SPACING)
+def _anchor(
+    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int, side: int
+) -> tuple[int, int | None]:
+    """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
+    run, near = runs[index], index + side
+    if run.on != OWN or not 0 <= near < len(runs):
+        return run.first if side < 0 else run.last, None
+    other, window = runs[near], round(BLEND / SPACING)
+    share = (other.count + 1) // 2 if 0 <= near + side < len(runs) else other.count
     missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
-    if index > 0:
-        other = runs[index - 1]
-        share = other.count if index < 2 else (other.count + 1) // 2
-        late = max(1, other.count - missing)
-        begin = _best(strands, curve, other, range(max(0, late - min(window, share)), late), is_late=True)
-    if index + 1 < len(runs):
-        other = runs[index + 1]
-        share = other.count if index + 2 >= len(runs) else (other.count + 1) // 2
-        early = min(missing, other.count - 1)
-        end = _best(strands, curve, other, range(early, min(early + min(window, share), other.count)), is_late=False)
-    return begin, end
+    late = max(1, other.count - missing)
+    offsets = np.arange(max(0, late - min(window, share)), late)
+    return _best(strands, curve, other, offsets if side < 0 else other.count - 1 - offsets[::-1], is_late=side < 0)
 
 
-def _best(strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
+def _best(
+    strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: Indices, *, is_late: bool
+) -> tuple[int, int]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
-    points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
+    points, at = run.first + offsets, run.at[offsets]
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = turned_by(there.yaw[at], curve.yaw[points])
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
@@ -353,61 +325,26 @@ def fade(u: Array, value: float, slope: float, bend: float) -> Array:
     return faded
 
 
-def _note(strand: _Strand, at: int, drive: TaughtDrive, point: int) -> None:
-    """Remember that a drive came by: how fast, how well localised, how far beside."""
-    curve = strand.curve
-    curve.speed[at] = np.fmax(curve.speed[at], drive.curve.speed[point])
-    if drive.deviation is not None:
-        strand.deviation[at] = np.fmax(strand.deviation[at], drive.deviation[point])
-    left = between(curve.point(at), drive.curve.point(point)).y
-    strand.low[at], strand.high[at] = min(strand.low[at], left), max(strand.high[at], left)
-    strand.is_forward[at] |= drive.direction > 0
-    strand.is_reverse[at] |= drive.direction < 0
-
-
 # --- nodes and edges
-def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
+def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
     """Return the network of curves that are cut at their branches; nodes that nothing branches at are left out."""
-    numbers: dict[tuple[int, int], int] = {}
-    nodes: dict[int, Node] = {}
+    numbers: dict[_Anchor, int] = {}
 
-    def node(strand: int, at: int) -> int:
-        item = strands[strand]
-        anchor = item.begin if at == 0 else item.end if at == len(item.curve) - 1 else None
-        if anchor is not None and (anchor.strand, anchor.at) != (strand, at):
-            return node(anchor.strand, anchor.at)
-        if (strand, at) not in numbers:
-            numbers[strand, at] = len(numbers)
-            nodes[numbers[strand, at]] = Node(numbers[strand, at], item.curve.point(at))
-        return numbers[strand, at]
+    def node(place: _Anchor) -> int:
+        item = strands[place.strand]
+        anchor = item.begin if place.at == 0 else item.end if place.at == len(item.curve) - 1 else None
+        return numbers.setdefault(place, len(numbers)) if anchor in (None, place) else node(anchor)
 
-    pieces = []
+    edges: dict[int, RouteEdge] = {}
     for index, strand in enumerate(strands):
-        ways = np.stack([strand.is_forward, strand.is_reverse])
-        changes = np.flatnonzero(np.any(ways[:, 1:] != ways[:, :-1], axis=0)) + 1
-        ends = sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})
-        for first, last in pairwise(ends):
-            pieces.append((node(index, first), node(index, last), _edge_of(strand, first, last, width)))
-    home = node(0, 0)
-    edges = {number: replace(edge, id=number, start=a, end=b) for number, (a, b, edge) in enumerate(pieces)}
-    network = Network(nodes, edges, {"home": home}, map_id)
-    return _renumbered(_dissolved(network))
-
-
-def _edge_of(strand: _Strand, first: int, last: int, width: float) -> RouteEdge:
-    part = slice(first, last + 1)
-    known = strand.deviation[part][np.isfinite(strand.deviation[part])]
-    return RouteEdge(
-        id=-1,
-        start=-1,
-        end=-1,
-        curve=strand.curve.between(first, last),
-        width=width + float(np.max(strand.high[part]) - np.min(strand.low[part])),
-        is_forward=bool(strand.is_forward[(first + last) // 2]),
-        is_reverse=bool(strand.is_reverse[(first + last) // 2]),
-        deviation=float(np.percentile(known, 95)) if len(known) else math.nan,
-        num_drives=int(np.median(strand.count[part])),
-    )
+        changes = np.flatnonzero(np.any(strand.ways[:, 1:] != strand.ways[:, :-1], axis=0)) + 1
+        for first, last in pairwise(sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})):
+            ends = node(_Anchor(index, first)), node(_Anchor(index, last))
+            may = strand.ways[:, (first + last) // 2].tolist()
+            edges[len(edges)] = RouteEdge(len(edges), *ends, strand.curve.between(first, last), *may)
+    home = node(_Anchor(0, 0))
+    nodes = {number: Node(number, strands[at.strand].curve.point(at.at)) for at, number in numbers.items()}
+    return _renumbered(_dissolved(Network(nodes, edges, {"home": home}, map_id)))
 
 
 def _dissolved(network: Network) -> Network:
@@ -421,11 +358,7 @@ def _dissolved(network: Network) -> Network:
         a, b = before[0], after[0]
         if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
             continue
-        deviation = float(np.fmax(a.deviation, b.deviation))
-        joined = replace(
-            a, end=b.end, curve=join_curves([a.curve, b.curve]), width=max(a.width, b.width), deviation=deviation
-        )
-        edges[a.id] = joined
+        edges[a.id] = replace(a, end=b.end, curve=join_curves([a.curve, b.curve]))
         del edges[b.id], nodes[number]
     return replace(network, nodes=nodes, edges=edges)
 

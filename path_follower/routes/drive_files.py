@@ -23,14 +23,13 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
     with told_at(file):
         path = make_path(given.points, given.yaw, given.speed, params)
     speed = _along(given.speed, given.points, path.arc_length)
-    deviation = _along(given.deviation, given.points, path.arc_length)
     drives = []
     for part in path.segments:
         order = slice(part.first, part.last + 1)
-        rows = np.stack([path.x, path.y, path.yaw, speed, deviation], axis=-1)[order][:: part.direction]
-        x, y, yaw, taught, sigma = rows.T
+        rows = np.stack([path.x, path.y, path.yaw, speed], axis=-1)[order][:: part.direction]
+        x, y, yaw, taught = rows.T
         for direction in (part.direction, -part.direction) if is_reversible else (part.direction,):
-            drives.append(TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), taught), direction, sigma))
+            drives.append(TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), taught), direction))
     return drives, given.map_id
 
 

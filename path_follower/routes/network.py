@@ -82,11 +82,8 @@ class RouteEdge:
     start: int
     end: int
     curve: EdgeCurve
-    width: float = 0.0  # m that taught drives have covered
     is_forward: bool = True  # may be driven from its start to its end
     is_reverse: bool = False  # may be driven backwards from its end to its start
-    deviation: float = math.nan  # m, standard deviation across the way with which drives were localised
-    num_drives: int = 1
 
     @property
     def length(self) -> float:

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from path_follower.path import Pose2
+from path_follower.path import Pose2, between
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_as, read_text, required, short
+from sphere_nav.geometry.files.untrusted import load_json, numbers, read_as, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, VERSION = "sphere_nav routes", 1
@@ -71,29 +71,24 @@ def _node_feature(network: Network, node: Node) -> dict[str, Any]:
 def _edge_feature(edge: RouteEdge) -> dict[str, Any]:
     c = edge.curve
     known = c.speed[np.isfinite(c.speed)]
-    metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3)}
-    metadata["drives"] = edge.num_drives
+    metadata: dict[str, Any] = {"length": round(edge.length, 3)}
     metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
     metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
-    metadata |= {"deviation": round(edge.deviation, 4)} if math.isfinite(edge.deviation) else {}
-    curve = {name: _column(values) for name, values in zip(COLUMNS, (c.x, c.y, c.yaw, c.speed), strict=True)}
+    curve = {name: _column(values) for name, values in zip(COLUMNS, c.columns, strict=True)}
     start, end = (edge.start, edge.end) if edge.is_forward else (edge.end, edge.start)
     properties: dict[str, Any] = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
     properties |= {"overridable": True, "metadata": metadata, "curve": curve}
     points: list[list[Any]] = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
-    return {"type": "Feature", "geometry": _line([*points, [curve["x"][-1], curve["y"][-1]]]), "properties": properties}
+    geometry = {"type": "MultiLineString", "coordinates": [[*points, [curve["x"][-1], curve["y"][-1]]]]}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def _twin_feature(edge: RouteEdge, number: int) -> dict[str, Any]:
     feature = _edge_feature(edge)
-    lines = feature["geometry"]["coordinates"]
-    properties = {key: value for key, value in feature["properties"].items() if key != "curve"}
-    properties |= {"id": number, "startid": edge.end, "endid": edge.start, "twin_of": edge.id}
-    return {"type": "Feature", "geometry": _line(lines[0][::-1]), "properties": properties}
-
-
-def _line(points: list[list[Any]]) -> dict[str, Any]:
-    return {"type": "MultiLineString", "coordinates": [points]}
+    feature["geometry"]["coordinates"][0].reverse()
+    feature["properties"].pop("curve")
+    feature["properties"] |= {"id": number, "startid": edge.end, "endid": edge.start, "twin_of": edge.id}
+    return feature
 
 
 def _column(values: Array) -> list[float | None]:
@@ -101,6 +96,20 @@ def _column(values: Array) -> list[float | None]:
 
 
 # --- reading
+@dataclass(frozen=True)
+class _Head:
+    format: str
+    version: int
+    map_id: str
+    frame: str
+
+
+@dataclass(frozen=True)
+class _Node:
+    yaw: float
+    names: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class _Curve:
     x: tuple[float, ...]
@@ -111,11 +120,8 @@ class _Curve:
 
 @dataclass(frozen=True)
 class _Metadata:
-    width: float
     forward: bool
     reverse: bool
-    deviation: float = math.nan
-    drives: int = 1
 
 
 @dataclass(frozen=True)
@@ -128,10 +134,10 @@ class _EdgeFields:
 
 def from_geojson(text: str, where: str = "network") -> Network:
     """Return the network of a text; ValueError in one line for anything else."""
-    whole = required(load_json(where, text), where, ("type", "network", "features"))
-    head = required(whole["network"], f"{where}: network", ("format", "version", "map_id", "frame"))
-    if (head["format"], head["version"]) != (FORMAT, VERSION):
-        found = f"{short(head['format'])} {short(head['version'])}"
+    whole = required(load_json(where, text), where, ("network", "features"))
+    head: _Head = read_as(_Head, whole["network"], f"{where}: network")
+    if (head.format, head.version) != (FORMAT, VERSION):
+        found = f"{short(head.format)} {head.version}"
         raise ValueError(f"{where}: network: expected format {FORMAT!r} version {VERSION}, found {found}")
     features = whole["features"]
     if not isinstance(features, list) or len(features) > 2 * MAX_ITEMS:
@@ -142,34 +148,26 @@ def from_geojson(text: str, where: str = "network") -> Network:
     for index, feature in enumerate(features):
         at = f"{where}: features[{index}]"
         fields = required(required(feature, at, ("geometry", "properties"))["properties"], f"{at}.properties", ("id",))
-        kind = required(feature["geometry"], f"{at}.geometry", ("type", "coordinates"))["type"]
+        key, geometry = read_as(int, fields["id"], f"{at}.properties.id"), feature["geometry"]
         if "twin_of" in fields:
             continue
-        key = _id(fields["id"], f"{at}.properties.id")
-        if key in nodes or key in edges:
-            raise ValueError(f"{at}.properties.id: expected a number that is not taken, found {key} again")
-        if kind == "Point":
-            nodes[key] = _read_node(feature, key, at)
-            places |= dict.fromkeys(_names(fields, at), key)
+        if key in nodes or key in edges or not 0 <= key < 2**31:
+            raise ValueError(f"{at}.properties.id: expected a number that is not taken, found {short(key)} again")
+        if required(geometry, f"{at}.geometry", ("type", "coordinates"))["type"] == "Point":
+            node: _Node = read_as(_Node, fields, f"{at}.properties")
+            x, y = numbers(geometry["coordinates"], f"{at}.geometry.coordinates", 2)
+            nodes[key] = Node(key, Pose2(x, y, node.yaw))
+            places |= dict.fromkeys(node.names, key)
         else:
             edges[key] = _read_edge(fields, key, f"{at}.properties")
     if not nodes or not edges:
         raise ValueError(f"{where}: expected nodes and edges, found {len(nodes)} and {len(edges)}")
-    network = Network(nodes, edges, places, _text(head["map_id"], f"{where}: map_id"), _text(head["frame"], where))
+    for name in (head.map_id, head.frame, *places):
+        if len(name) > MAX_NAME or not name.isprintable():
+            raise ValueError(f"{where}: expected a short text, found {short(name)}")
+    network = Network(nodes, edges, places, head.map_id, head.frame)
     _check_ends(network, where)
     return network
-
-
-def _read_node(feature: Mapping[str, Any], key: int, at: str) -> Node:
-    x, y = numbers(feature["geometry"]["coordinates"], f"{at}.geometry.coordinates", 2)
-    return Node(key, Pose2(x, y, number(feature["properties"].get("yaw"), f"{at}.properties.yaw")))
-
-
-def _names(fields: Mapping[str, Any], at: str) -> list[str]:
-    names = fields.get("names", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) and 0 < len(n) <= MAX_NAME for n in names):
-        raise ValueError(f"{at}.properties.names: expected names of 1 to {MAX_NAME} characters, found {short(names)}")
-    return names
 
 
 def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
@@ -182,8 +180,7 @@ def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
         raise ValueError(f"{at}.curve: expected points at most {MAX_CURVE_GAP} m apart, found {gap:.3g} m")
     told = edge.metadata
     start, end = (edge.startid, edge.endid) if told.forward else (edge.endid, edge.startid)
-    ways = told.forward, told.reverse
-    return RouteEdge(key, start, end, EdgeCurve(x, y, yaw, speed), told.width, *ways, told.deviation, told.drives)
+    return RouteEdge(key, start, end, EdgeCurve(x, y, yaw, speed), told.forward, told.reverse)
 
 
 def _check_ends(network: Network, where: str) -> None:
@@ -191,21 +188,7 @@ def _check_ends(network: Network, where: str) -> None:
         for end, index in ((edge.start, 0), (edge.end, -1)):
             if end not in network.nodes:
                 raise ValueError(f"{where}: edge {edge.id}: expected nodes that exist, found {end}")
-            pose = network.nodes[end].pose
-            gap = math.hypot(pose.x - float(edge.curve.x[index]), pose.y - float(edge.curve.y[index]))
+            gap = math.hypot(*between(network.nodes[end].pose, edge.curve.point(index))[:2])
             if gap > MAX_CURVE_GAP:
-                raise ValueError(
-                    f"{where}: edge {edge.id}: expected its curve to end at node {end}, found {gap:.3g} m off"
-                )
-
-
-def _id(found: Any, at: str) -> int:
-    if isinstance(found, bool) or not isinstance(found, int) or not 0 <= found < 2**31:
-        raise ValueError(f"{at}: expected a whole number from 0 to 2^31, found {short(found)}")
-    return found
-
-
-def _text(found: Any, at: str) -> str:
-    if not isinstance(found, str) or len(found) > 256 or not (found.isprintable()):
-        raise ValueError(f"{at}: expected a short text, found {short(found)}")
-    return found
+                found = f"{gap:.3g} m off"
+                raise ValueError(f"{where}: edge {edge.id}: expected its curve to end at node {end}, found {found}")

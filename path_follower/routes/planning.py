@@ -88,9 +88,9 @@ def plan(
         if trail is not None and (leg.edge, leg.direction) in done:
             continue
         done |= {(leg.edge, leg.direction)} if trail is not None else set()
-        for edge, direction, extra in _next(network, leg, closed):
-            if (edge.id, direction) not in done:
-                add(cost + extra, _rest(edge, direction, 0.0 if direction > 0 else edge.length), (leg, trail))
+        for following in _next(network, leg, closed):
+            if (following.edge, following.direction) not in done:
+                add(cost + CUSP_COST * (following.direction != leg.direction), following, (leg, trail))
     named = f" while {', '.join(map(str, sorted(closed)))} are closed" if closed else ""
     raise ValueError(f"no way: no edges lead there from here{named}")
 
@@ -123,17 +123,14 @@ def _directions(edge: RouteEdge) -> list[int]:
     return [sign for sign, may in ((1, edge.is_forward), (-1, edge.is_reverse)) if may]
 
 
-def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[tuple[RouteEdge, int, float]]:
-    """Yield the directed edges that follow, with the cost of a cusp where the direction changes."""
+def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[Leg]:
+    """Yield the whole directed edges that follow."""
     edge = network.edges[leg.edge]
     node = edge.end if leg.direction > 0 else edge.start
     for other in network.edges.values():
-        if other.id in closed:
-            continue
-        if other.start == node and other.is_forward:
-            yield other, 1, 0.0 if leg.direction > 0 else CUSP_COST
-        if other.end == node and other.is_reverse:
-            yield other, -1, 0.0 if leg.direction < 0 else CUSP_COST
+        for direction in _directions(other) if other.id not in closed else ():
+            if node == (other.start if direction > 0 else other.end):
+                yield _rest(other, direction, 0.0 if direction > 0 else other.length)
 
 
 def _route(network: Network, leg: Leg, trail: _Trail, cruise: float) -> Route:
@@ -142,9 +139,8 @@ def _route(network: Network, leg: Leg, trail: _Trail, cruise: float) -> Route:
         before, trail = trail
         legs.insert(0, before)
     edges = [network.edges[part.edge] for part in legs]
-    shares = (part.length / max(edge.length, 1e-9) for part, edge in zip(legs, edges, strict=True))
-    seconds = sum(edge.seconds(cruise) * share for edge, share in zip(edges, shares, strict=True))
-    return Route(tuple(legs), seconds)
+    times = (e.seconds(cruise) * (part.length / max(e.length, 1e-9)) for part, e in zip(legs, edges, strict=True))
+    return Route(tuple(legs), sum(times))
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:

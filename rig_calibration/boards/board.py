@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -46,21 +47,22 @@ class Board:
     is_legacy: bool = False
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"board {self.name!r}: kind: expected one of {', '.join(KINDS)}, found {self.kind!r}")
-        if min(self.columns, self.rows) < 3:
-            raise ValueError(
-                f"board {self.name!r}: size: expected at least 3x3 inner corners, found {self.columns}x{self.rows}"
-            )
-        if not 0 < self.square_m <= MAX_SQUARE:
-            raise ValueError(
-                f"board {self.name!r}: square: expected a length in m, up to {MAX_SQUARE:g}, found {self.square_m}"
-            )
-        if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
-            raise ValueError(
-                f"board {self.name!r}: marker: expected between 0 and the square ({self.square_m} m), "
-                f"found {self.marker_m}"
-            )
+        marker, square = self.marker_m, self.square_m
+        checks = (
+            (self.kind in KINDS, f"kind: expected one of {', '.join(KINDS)}, found {self.kind!r}"),
+            (
+                min(self.columns, self.rows) >= 3,
+                f"size: expected at least 3x3 inner corners, found {self.columns}x{self.rows}",
+            ),
+            (0 < square <= MAX_SQUARE, f"square: expected a length in m, up to {MAX_SQUARE:g}, found {square}"),
+            (
+                self.kind != "charuco" or 0 < marker < square,
+                f"marker: expected between 0 and the square ({square} m), found {marker}",
+            ),
+        )
+        for is_good, text in checks:
+            if not is_good:
+                raise ValueError(f"board {self.name!r}: {text}")
 
     @property
     def num_corners(self) -> int:
@@ -119,13 +121,12 @@ def read_boards(path: Path) -> tuple[Board, ...]:
 
 def check_distinct(boards: tuple[Board, ...]) -> None:
     """Raise ValueError where two boards would look alike to a camera."""
-    for index, first in enumerate(boards):
-        for second in boards[index + 1 :]:
-            if _look_alike(first, second):
-                raise ValueError(
-                    f"boards {first.name!r} and {second.name!r} look alike: expected chessboards of different size, "
-                    "or ChArUco boards with markers of their own (first_marker, dictionary)"
-                )
+    for first, second in combinations(boards, 2):
+        if _look_alike(first, second):
+            raise ValueError(
+                f"boards {first.name!r} and {second.name!r} look alike: expected chessboards of different size, "
+                "or ChArUco boards with markers of their own (first_marker, dictionary)"
+            )
 
 
 def _look_alike(first: Board, second: Board) -> bool:
@@ -133,10 +134,8 @@ def _look_alike(first: Board, second: Board) -> bool:
         return False
     if first.kind == "chessboard":
         return {first.columns, first.rows} == {second.columns, second.rows}
-    if first.dictionary != second.dictionary:
-        return False
     low, high = sorted((first, second), key=lambda board: board.first_marker)
-    return low.first_marker + low.num_markers > high.first_marker
+    return first.dictionary == second.dictionary and low.first_marker + low.num_markers > high.first_marker
 
 
 @dataclass(frozen=True)

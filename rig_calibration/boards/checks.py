@@ -41,11 +41,8 @@ def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses:
         if rms**2 > single.rms_px**2 * fdtri(number, number, 1.0 - FALSE_ALARM):
             found.append(f"residuals of {rms:.2f} px in place of {single.rms_px:.2f}")
         if (chance := lens_chance(single, lens)) < FALSE_ALARM:
-            std = np.sqrt(np.diag(single.lens_covariance))
-            change = lens - single.lens
-            worst = int(np.argmax(np.abs(change[:4]) / np.maximum(std[:4], 1e-12)))
-            what = ("fx", "fy", "cx", "cy")[worst]
-            found.append(f"{what} moved by {change[worst]:+.2f} px of σ {std[worst]:.2f} (chance {chance:.1g})")
+            moved = ", ".join(f"{change:+.2f}" for change in (lens - single.lens)[:4])
+            found.append(f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})")
         if found:
             lines.append(f"{name}: by itself and with the others it is not the same camera: {'; '.join(found)}")
     return [*lines, REMEDY] if lines else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +16,12 @@ from rig_calibration.constants import (
     OPEN_FACTOR,
     OPEN_SHARE,
 )
-from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import NUM_LENS
 
 AXES = ("x (forward)", "y (left)", "z (up)", "roll (about x)", "pitch (about y)", "yaw (about z)")
+REMEDY = "tilt the rig (roll and pitch) in front of the boards, or let neighbouring cameras see one board at once"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,35 +58,15 @@ def spread(problem: AdjustmentProblem, state: RigState, errors: Array, kept: Arr
     return _by_camera(covariance, state.T_rig_camera, noise)
 
 
-def warnings(names: tuple[str, ...], found: Spread, T_world_rig: SE3) -> list[str]:
+def warnings(names: Sequence[str], found: Spread) -> list[str]:
     """Return one line for every axis of a camera that is not, or only weakly, determined."""
     limits = np.repeat([MAX_POSITION_STD_M, np.radians(MAX_ROTATION_STD_DEG)], 3)
     lines = []
     for name, std in zip(names, found.pose_std, strict=True):
         for axis in np.flatnonzero(std > limits):
-            size = _size(float(std[axis]), int(axis))
-            if std[axis] > OPEN_FACTOR * limits[axis]:
-                lines.append(f"{name}: {AXES[axis]} cannot be observed ({size})")
-            else:
-                lines.append(f"{name}: {AXES[axis]} is weakly observed ({size})")
-    if lines:
-        lines.append(f"the rig {motion(T_world_rig)}: {REMEDY}")
-    return lines
-
-
-REMEDY = "tilt it (roll and pitch) in front of the boards, or let neighbouring cameras see one board at once"
-
-
-def motion(T_world_rig: SE3) -> str:
-    """Return in words how much the rig turned about its axes and how far it moved."""
-    middle = T_world_rig.matrix[len(T_world_rig.matrix) // 2]
-    between = SE3(middle).inverse() @ T_world_rig
-    turns = np.degrees(np.ptp(so3.log(between.rotation), axis=0))
-    way = np.ptp(between.translation, axis=0)
-    return (
-        f"turned by {turns[0]:.1f}° roll, {turns[1]:.1f}° pitch, {turns[2]:.1f}° yaw and moved by "
-        f"{way[0]:.2f}, {way[1]:.2f}, {way[2]:.2f} m (forward, left, up)"
-    )
+            how = "cannot be" if std[axis] > OPEN_FACTOR * limits[axis] else "is weakly"
+            lines.append(f"{name}: {AXES[axis]} {how} observed ({_size(float(std[axis]), int(axis))})")
+    return [*lines, REMEDY] if lines else []
 
 
 def _size(std: float, axis: int) -> str:

@@ -40,16 +40,23 @@ def quality_warnings(
     covered = covered_cells(problem, kept)
     for camera, name in enumerate(names):
         own = np.flatnonzero(views_used & (problem.seen.camera == camera))
-        own_views = [views[int(k)] for k in own]
-        found = [
-            _blurred(own_views, problem.sizes[camera][0]),
-            _few(len({view.instant for view in own_views})),
-            _frontal(problem, state, own),
-            *_uncovered(covered[camera]),
-            _differs(validation, camera),
-        ]
-        lines += [f"{name}: {line}" for line in found if line]
+        own_views, width = [views[int(k)] for k in own], problem.sizes[camera][0]
+        count, tilt = len({view.instant for view in own_views}), tilt_deg(problem, state, own)
+        blur, sharp = median_known([view.blur_px for view in own_views]), MAX_BLUR_SHARE * max(width, 1000)
+        up_to, least = f"expected up to {sharp:.1f}", f"expected {MIN_TILT_DEG:.0f} or more"
+        flaws = (
+            (blur > sharp, f"blurred: edges of the boards have a standard deviation of {blur:.1f} px, {up_to}"),
+            (count < MIN_GOOD_VIEWS, f"few views: {count} instants, expected {MIN_GOOD_VIEWS} or more"),
+            (tilt < MIN_TILT_DEG, f"no tilt: boards differ by {tilt:.1f} deg in the mean, {least}"),
+        )
+        told = [line for is_wrong, line in flaws if is_wrong]
+        lines += [f"{name}: {line}" for line in (*told, *_uncovered(covered[camera]), *_differs(validation, camera))]
     return lines
+
+
+def median_known(values: Sequence[float]) -> float:
+    """Return the median of what is known, NaN where nothing is."""
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
 
 
 def covered_cells(problem: AdjustmentProblem, kept: Array) -> Flags:
@@ -74,27 +81,6 @@ def tilt_deg(problem: AdjustmentProblem, state: RigState, own: Indices) -> float
     return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0))))
 
 
-def _blurred(views: Sequence[BoardView], width: int) -> str:
-    blurs = [view.blur_px for view in views if np.isfinite(view.blur_px)]
-    if not blurs:
-        return ""
-    blur, limit = float(np.median(blurs)), max(MAX_BLUR_SHARE * width, MAX_BLUR_SHARE * 1000)
-    if blur <= limit:
-        return ""
-    return f"blurred: edges of the boards have a standard deviation of {blur:.1f} px, expected up to {limit:.1f}"
-
-
-def _few(count: int) -> str:
-    return f"few views: {count} instants, expected {MIN_GOOD_VIEWS} or more" if count < MIN_GOOD_VIEWS else ""
-
-
-def _frontal(problem: AdjustmentProblem, state: RigState, own: Indices) -> str:
-    tilt = tilt_deg(problem, state, own)
-    if tilt >= MIN_TILT_DEG:
-        return ""
-    return f"no tilt: boards differ by {tilt:.1f} deg in the mean, expected {MIN_TILT_DEG:.0f} or more"
-
-
 def _uncovered(cells: Flags) -> list[str]:
     """Return lines for one camera's covered cells (rows, columns)."""
     rows, columns = cells.shape
@@ -112,13 +98,10 @@ def _uncovered(cells: Flags) -> list[str]:
     return []
 
 
-def _differs(validation: Validation, camera: int) -> str:
+def _differs(validation: Validation, camera: int) -> list[str]:
     halves = validation.halves[camera]
     shift, turn = 1e3 * float(np.linalg.norm(halves[:3])), float(np.degrees(np.linalg.norm(halves[3:])))
     focal = float(abs(validation.focal_halves[camera]))
-    told = []
-    if focal > MAX_HALVES_FOCAL:
-        told.append(f"{100 * focal:.2f} % of the focal length")
-    if shift > MAX_HALVES_MM or turn > MAX_HALVES_DEG:
-        told.append(f"{shift:.1f} mm, {turn:.2f} deg")
-    return f"halves of the images disagree by {', '.join(told)}" if told else ""
+    told = [f"{100 * focal:.2f} % of the focal length"] if focal > MAX_HALVES_FOCAL else []
+    told += [f"{shift:.1f} mm, {turn:.2f} deg"] if shift > MAX_HALVES_MM or turn > MAX_HALVES_DEG else []
+    return [f"halves of the images disagree by {', '.join(told)}"] if told else []

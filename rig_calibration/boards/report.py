@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig_calibration.boards.bundle import rms_px
-from rig_calibration.boards.quality import covered_cells, tilt_deg
+from rig_calibration.boards.quality import covered_cells, median_known, tilt_deg
 from rig_calibration.boards.validation import camera_rms
-from rig_calibration.boards.views import Indices
 from rig_calibration.calibrate import Calibration
 from rig_calibration.constants import NUM_DISTORTION
 from sphere_nav.geometry.arrays import Array
@@ -24,6 +24,7 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     cameras = {}
     for index, spec in enumerate(calibration.specs):
         std, halves = calibration.spread.pose_std[index], calibration.validation.halves[index]
+        own = np.flatnonzero(calibration.start.problem.seen.camera == index)
         num_lens = int(np.flatnonzero(free_parameters(spec.model, NUM_DISTORTION))[-1]) + 1
         cameras[spec.name] = {
             "model": spec.model,
@@ -32,8 +33,8 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
             "rms_px": float(rms[index]),
             "held_out_rms_px": _finite(calibration.validation.held_out_px[index : index + 1])[0],
             "coverage_percent": float(covered[index]),
-            "blur_px": _finite(np.array([_blur(calibration, index)]))[0],
-            "tilt_deg": tilt_deg(calibration.start.problem, calibration.state, _own_views(calibration, index)),
+            "blur_px": _finite([median_known([calibration.start.views[k].blur_px for k in own])])[0],
+            "tilt_deg": tilt_deg(calibration.start.problem, calibration.state, own),
             "halves_focal_percent": _finite(100.0 * calibration.validation.focal_halves[index : index + 1])[0],
             "position_std_mm": _finite(1e3 * std[:3]),
             "rotation_std_deg": _finite(np.degrees(std[3:])),
@@ -49,15 +50,6 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
         "rejected_corners": int(np.count_nonzero(calibration.kept == 0)),
         "warnings": calibration.warnings,
     }
-
-
-def _own_views(calibration: Calibration, index: int) -> Indices:
-    return np.flatnonzero(calibration.start.problem.seen.camera == index)
-
-
-def _blur(calibration: Calibration, index: int) -> float:
-    blurs = [calibration.start.views[k].blur_px for k in _own_views(calibration, index)]
-    return float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else float("nan")
 
 
 def coverage(calibration: Calibration) -> Array:
@@ -90,5 +82,5 @@ def draw_calibration(calibration: Calibration, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _finite(values: Array) -> list[float | None]:
+def _finite(values: Iterable[float]) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]

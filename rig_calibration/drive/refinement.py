@@ -21,7 +21,7 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class RefinedCamera:
-    """The lens, the names of its P parameters, their covariance (P, P), and the equations that it solves."""
+    """The lens, the names of its P parameters, and their covariance (P, P)."""
 
     names: tuple[str, ...]
     prior_sigma: Array
@@ -30,7 +30,6 @@ class RefinedCamera:
     num_pixels: int
     residual: float  # robust standard deviation in grey levels
     lens: Lens
-    equations: Elimination
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -84,4 +83,4 @@ def refine_camera(
     last = linearize(found, states, 0)
     covariance = last.covariance(num_blocks) + np.diag((LENS_FLOOR * prior_sigma) ** 2)
     told = last.num_pixels, last.sigma
-    return RefinedCamera(found.names, lens.prior_sigma, covariance, tuple(states), *told, found, last)
+    return RefinedCamera(found.names, lens.prior_sigma, covariance, tuple(states), *told, found)

@@ -81,17 +81,3 @@ class Elimination:
         if 1 < num_blocks < len(gradients):
             gradients = np.array([run.sum(axis=0) for run in np.array_split(gradients, num_blocks)])
         return clustered_covariance(inverse, gradients, self._prior * CORRELATED_PIXELS)
-
-    def information_without(self, index: int, column: int | None) -> float:
-        """Return how much the parts say of shared parameter `index`, the others free, were `column` known.
-
-        `column` counts the shared parameters first, then what each part has of its own; None: nothing more is known.
-        The inverse of a variance, in the unit of the pixels' information.
-        """
-        n, total = self._n, self._prior.copy()
-        for part in self._parts:
-            kept = [k for k in range(n, len(part.g)) if k != column]
-            inverse = np.linalg.inv(part.H[np.ix_(kept, kept)] + 1e-9 * np.eye(len(kept)))
-            total += part.H[:n, :n] - part.H[:n, kept] @ inverse @ part.H[kept, :n]
-        free = [k for k in range(n) if k != column]
-        return float(1.0 / np.linalg.inv(total[np.ix_(free, free)])[free.index(index), free.index(index)])

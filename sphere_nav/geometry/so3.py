@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,19 +62,8 @@ def log(rotation: ArrayLike) -> Array:
 def to_quaternion(rotation: ArrayLike) -> Array:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (..., 3, 3)."""
     R = np.asarray(rotation, dtype=np.float64)
-    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    # Four times the outer product q q^T; the row with the largest diagonal is the best conditioned.
-    outer = np.empty((*R.shape[:-2], 4, 4))
-    outer[..., 0, 0] = 1 + m00 - m11 - m22
-    outer[..., 1, 1] = 1 - m00 + m11 - m22
-    outer[..., 2, 2] = 1 - m00 - m11 + m22
-    outer[..., 3, 3] = 1 + m00 + m11 + m22
-    outer[..., 0, 1] = outer[..., 1, 0] = R[..., 1, 0] + R[..., 0, 1]
-    outer[..., 0, 2] = outer[..., 2, 0] = R[..., 2, 0] + R[..., 0, 2]
-    outer[..., 1, 2] = outer[..., 2, 1] = R[..., 2, 1] + R[..., 1, 2]
-    outer[..., 0, 3] = outer[..., 3, 0] = R[..., 2, 1] - R[..., 1, 2]
-    outer[..., 1, 3] = outer[..., 3, 1] = R[..., 0, 2] - R[..., 2, 0]
-    outer[..., 2, 3] = outer[..., 3, 2] = R[..., 1, 0] - R[..., 0, 1]
+    rows = _quaternion_rows(*np.moveaxis(R.reshape(*R.shape[:-2], 9), -1, 0))
+    outer = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -150,19 +140,21 @@ def _exp_of_one(x: float, y: float, z: float) -> tuple[Array, Array]:
     return first, second
 
 
-def _log_of_one(
-    m00: float, m01: float, m02: float, m10: float, m11: float, m12: float, m20: float, m21: float, m22: float
-) -> tuple[float, float, float]:
-    squares = 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22, 1 + m00 + m11 + m22
-    best = squares.index(max(squares))  # rows as in `to_quaternion`
-    if best == 0:
-        x, y, z, w = squares[0], m10 + m01, m20 + m02, m21 - m12
-    elif best == 1:
-        x, y, z, w = m10 + m01, squares[1], m21 + m12, m02 - m20
-    elif best == 2:
-        x, y, z, w = m20 + m02, m21 + m12, squares[2], m10 - m01
-    else:
-        x, y, z, w = m21 - m12, m02 - m20, m10 - m01, squares[3]
+def _quaternion_rows(m00: Any, m01: Any, m02: Any, m10: Any, m11: Any, m12: Any, m20: Any, m21: Any, m22: Any) -> Any:
+    """Return four times q q^T of a rotation; the row with the largest diagonal is the best conditioned."""
+    xy, xz, yz, xw, yw, zw = m10 + m01, m20 + m02, m21 + m12, m21 - m12, m02 - m20, m10 - m01
+    return [
+        [1 + m00 - m11 - m22, xy, xz, xw],
+        [xy, 1 - m00 + m11 - m22, yz, yw],
+        [xz, yz, 1 - m00 - m11 + m22, zw],
+        [xw, yw, zw, 1 + m00 + m11 + m22],
+    ]
+
+
+def _log_of_one(*rotation: float) -> tuple[float, float, float]:
+    rows = _quaternion_rows(*rotation)
+    squares = [rows[0][0], rows[1][1], rows[2][2], rows[3][3]]
+    x, y, z, w = rows[squares.index(max(squares))]
     norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w if w else 1.0)
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     sine = math.sqrt(x * x + y * y + z * z)

@@ -73,17 +73,14 @@ class Trajectory:
         (M,) of these stamps. Covariances are not interpolated.
         """
         wanted = np.asarray(stamps_ns, dtype=np.int64)
-        if len(self) == 1:
-            known = wanted == self.stamps_ns[0]
-            return Trajectory(wanted[known], SE3(np.repeat(self.T_map_body.matrix, known.sum(), axis=0))), known
-        after = np.clip(np.searchsorted(self.stamps_ns, wanted, side="left"), 1, len(self) - 1)
-        gap = self.stamps_ns[after] - self.stamps_ns[after - 1]
-        since = wanted - self.stamps_ns[after - 1]
+        after = np.minimum(np.searchsorted(self.stamps_ns, wanted, side="left"), len(self) - 1)
+        before = np.maximum(after - 1, 0)
+        gap, since = self.stamps_ns[after] - self.stamps_ns[before], wanted - self.stamps_ns[before]
         known = (since >= 0) & (since <= gap)
         if max_gap_ns is not None:
             known &= (gap <= max_gap_ns) | (since == 0) | (since == gap)
-        share = (since / gap)[known, None]
-        T_before, T_after = self.T_map_body[after[known] - 1], self.T_map_body[after[known]]
+        share = (since / np.maximum(gap, 1))[known, None]
+        T_before, T_after = self.T_map_body[before[known]], self.T_map_body[after[known]]
         turn = so3.log(np.swapaxes(T_before.rotation, -1, -2) @ T_after.rotation)
         position = T_before.translation + share * (T_after.translation - T_before.translation)
         return Trajectory(wanted[known], SE3.from_parts(T_before.rotation @ so3.exp(share * turn), position)), known
@@ -101,11 +98,9 @@ def associate(stamps_ns: Integers, other_ns: Integers, tolerance_ns: int) -> tup
 
 
 def _nearest(stamps_ns: Integers, other_ns: Integers) -> NDArray[np.intp]:
-    after = np.clip(np.searchsorted(other_ns, stamps_ns), 1, max(len(other_ns) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(other_ns) - 1)
-    is_before = stamps_ns - other_ns[before] <= other_ns[after] - stamps_ns
-    return np.where(is_before, before, after)
+    after = np.minimum(np.searchsorted(other_ns, stamps_ns), len(other_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(stamps_ns - other_ns[before] <= other_ns[after] - stamps_ns, before, after)
 
 
 def read_tum(path: str | os.PathLike[str]) -> Trajectory:

@@ -46,9 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     build.add_argument("map", type=Path, metavar="MAP", help="map of the drives; or the .geojson file to write")
     build.add_argument("drives", type=Path, nargs="+", metavar="DRIVE", help="taught paths, the first begins at `home`")
     build.add_argument("--reversible", action="store_true", help="all edges may be driven backwards, too")
-    build.add_argument(
-        "--width", type=float, default=VehicleParams().width, metavar="M", help="of the vehicle (%(default)s)"
-    )
     build.add_argument("--dry-run", action="store_true", help="show what would be made, write nothing but the plot")
     add_overwrite(build)
     name = words.add_parser("name", help="give a name to a place")
@@ -105,7 +102,7 @@ def make_network(arguments: argparse.Namespace) -> int:
     if not arguments.dry_run:
         check_free(arguments, output, loss=", its places with it")
     reverse = arguments.drives if arguments.reversible else ()
-    network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), arguments.width, reverse)
+    network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), reverse)
     print("\n".join(routes.describe(network)))
     _plot(arguments, network)
     if arguments.dry_run:

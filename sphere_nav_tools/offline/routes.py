@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,17 +31,16 @@ def map_id_of(path: Path) -> str:
         return str(reader.info.map_id)
 
 
-def read_network_of(files: Sequence[Path], map_id: str, width: float, reverse: Collection[Path] = ()) -> Network:
+def read_network_of(files: Sequence[Path], map_id: str, reverse: Collection[Path] = ()) -> Network:
     """Return the network of drives in files; ValueError for those of another map."""
-    params = FollowerParams(vehicle=replace(VehicleParams(), width=width))
     drives: list[TaughtDrive] = []
     for file in files:
-        found, theirs = read_drives(file, params, is_reversible=file in reverse)
+        found, theirs = read_drives(file, FollowerParams(), is_reversible=file in reverse)
         if map_id and theirs and theirs != map_id:
             raise ValueError(f"{file}: map_id: expected {map_id}, found {theirs}: drives of one map make a network")
         map_id = map_id or theirs
         drives += found
-    return build_network(drives, map_id, width)
+    return build_network(drives, map_id)
 
 
 def find_spot(network: Network, x: float, y: float, yaw: float | None) -> Spot:
@@ -62,7 +60,7 @@ def describe(network: Network) -> list[str]:
     lines = [
         f"{len(network.nodes)} nodes, {len(network.edges)} edges, {total:.1f} m, map {network.map_id or 'unknown'}"
     ]
-    head = ("edge", "from", "to", "length", "width", "drives", "speed", "deviation", "driven")
+    head = ("edge", "from", "to", "length", "speed", "driven")
     lines += columns([head, *map(_edge_row, network.edges.values())])
     lines += [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
     sharpest = VehicleParams().max_curvature
@@ -78,10 +76,8 @@ def describe(network: Network) -> list[str]:
 def _edge_row(edge: RouteEdge) -> Sequence[str | int]:
     known = edge.curve.speed[np.isfinite(edge.curve.speed)]
     speed = f"{known.max():.2f}" if len(known) else "-"
-    deviation = f"{edge.deviation:.3f}" if math.isfinite(edge.deviation) else "-"
     way = "both ways" if edge.is_forward and edge.is_reverse else "forward" if edge.is_forward else "backwards"
-    sizes = f"{edge.length:.1f}", f"{edge.width:.2f}"
-    return edge.id, edge.start, edge.end, *sizes, edge.num_drives, speed, deviation, way
+    return edge.id, edge.start, edge.end, f"{edge.length:.1f}", speed, way
 
 
 def describe_route(network: Network, route: Route) -> list[str]:

@@ -54,7 +54,7 @@ def course(pieces):
 @pytest.fixture
 def folder(tmp_path):
     """40 m of road with a way around a part of it; the place `end` is 35 m along."""
-    network = build_network([course([(40, 0)]), course(WAY_AROUND)], "campus", 1.2)
+    network = build_network([course([(40, 0)]), course(WAY_AROUND)], "campus")
     last = next(edge for edge in network.edges.values() if not network.departures(edge.end))
     network = network.with_place("end", Spot(last.id, last.length - 5.0))
     write_network(tmp_path / "routes.geojson", network)

@@ -52,7 +52,7 @@ class Vehicle:
 
     def __init__(self, folder, rule):
         road = even_curve(np.linspace(0, 60, 601), np.zeros(601), np.zeros(601), np.full(601, 1.4))
-        network = build_network([TaughtDrive(road)], "campus", 1.2)
+        network = build_network([TaughtDrive(road)], "campus")
         write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), 55.0)))
         (folder / "path.csv").write_text("\n".join(f"{x},0" for x in range(0, 60)))
         self.file = str(folder / "path.csv")

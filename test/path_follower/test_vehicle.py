@@ -123,7 +123,7 @@ def test_a_clock_that_leaps_by_years_takes_no_time():
 def test_a_car_stands_below_three_centimeters_a_second():
     predictor = Predictor(CAR, ActuationParams())
     for speed, is_standing in ((0.02, True), (0.04, False), (-0.02, True), (-0.04, False)):
-        predictor.states.append((0, Motion(speed, 0.0)))
+        predictor.history.append((0, Motion(0.0, 0.0), Motion(speed, 0.0)))
         assert predictor.is_standing == is_standing
 
 
@@ -147,7 +147,7 @@ def test_a_pose_is_predicted_over_half_a_second_and_commands_are_kept_for_three(
     now = 200 * STEP
     assert predictor.predict(Pose2(0, 0, 0), now - 8 * STEP, now, None).x == pytest.approx(0.4)
     assert predictor.predict(Pose2(0, 0, 0), now - 40 * STEP, now, None).x == pytest.approx(0.5)
-    assert now - predictor.commands[0][0] == pytest.approx(3.0e9, abs=2 * STEP)
+    assert now - predictor.history[0][0] == pytest.approx(3.0e9, abs=2 * STEP)
 
 
 def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -13,6 +14,28 @@ from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 
 MIN_SINE = 1e-9
+
+
+def polar(p: Array) -> tuple[Array, Array, Array, Array]:
+    """Return distance from the axis (at least MIN_SINE), angle from it, and direction about it x, y of points."""
+    sine = np.hypot(p[..., 0], p[..., 1])
+    on_axis = sine < MIN_SINE
+    sine = np.where(on_axis, MIN_SINE, sine)
+    x, y = np.where(on_axis, 1.0, p[..., 0] / sine), np.where(on_axis, 0.0, p[..., 1] / sine)
+    return sine, np.arctan2(sine, p[..., 2]), x, y
+
+
+def J_polar(p: Array, where: Sequence[Array], radius: Array, slope: Array) -> Array:
+    """Return the derivative (..., 2, 3) of places at image radii by points; `slope`: of the radius by the angle."""
+    sine, _, x, y = where
+    square = sine * sine + p[..., 2] * p[..., 2]
+    along, by_z = slope * p[..., 2] / square, -slope * sine / square
+    across = np.where(sine < 1e-7, along, radius / sine)
+    J = np.empty((*p.shape[:-1], 2, 3))
+    J[..., 0, 0], J[..., 1, 1] = along * x * x + across * y * y, along * y * y + across * x * x
+    J[..., 0, 1] = J[..., 1, 0] = (along - across) * x * y
+    J[..., 0, 2], J[..., 1, 2] = by_z * x, by_z * y
+    return J
 
 
 @dataclass(frozen=True)
@@ -69,21 +92,8 @@ class Fisheye(Focal):
     def J_project(self, points: ArrayLike) -> Array:
         """Return d pixel / d point (..., 2, 3)."""
         p = np.asarray(points, dtype=np.float64)
-        x, y, z = p[..., 0], p[..., 1], p[..., 2]
-        on_axis = np.hypot(x, y) < MIN_SINE
-        sine = np.where(on_axis, MIN_SINE, np.hypot(x, y))
-        square = sine * sine + z * z
-        angle = np.arctan2(sine, z)
-        cx, cy = np.where(on_axis, 1.0, x / sine), np.where(on_axis, 0.0, y / sine)
-        along = self._slope(angle) * z / square  # d radius / d sine
-        across = np.where(sine < 1e-7, along, self._radius(angle) / sine)
-        by_z = -self._slope(angle) * sine / square
-        J = np.empty((*p.shape[:-1], 2, 3))
-        J[..., 0, 0] = along * cx * cx + across * cy * cy
-        J[..., 0, 1] = J[..., 1, 0] = (along - across) * cx * cy
-        J[..., 1, 1] = along * cy * cy + across * cx * cx
-        J[..., 0, 2], J[..., 1, 2] = by_z * cx, by_z * cy
-        return np.diag([self.fx, self.fy]) @ J
+        _, angle, _, _ = where = polar(p)
+        return np.diag([self.fx, self.fy]) @ J_polar(p, where, self._radius(angle), self._slope(angle))
 
     def _radius(self, angle: Array) -> Array:
         k1, k2, k3, k4 = self.distortion

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import MAX_LENGTH, NEWTON_STEPS, check_lens, check_size, inside
-from sphere_nav.geometry.cameras.fisheye import MIN_SINE
+from sphere_nav.geometry.cameras.fisheye import MIN_SINE, J_polar, polar
 
 MIN_DETERMINANT = 0.1  # of the affine part, whose axes are nearly at right angles
 TABLE = 2000  # radii of the table that Newton's method starts from
@@ -87,10 +87,9 @@ class OCam:
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
-        sine = np.hypot(p[..., 0], p[..., 1])
-        angle = np.arctan2(sine, p[..., 2])
-        valid = (angle <= self.max_angle) & ((sine >= MIN_SINE) | (p[..., 2] > 0))
-        direction = p[..., :2] / np.maximum(sine, MIN_SINE)[..., None]
+        sine, angle, _, _ = polar(p)
+        valid = (angle <= self.max_angle) & ((sine > MIN_SINE) | (p[..., 2] > 0))
+        direction = p[..., :2] / sine[..., None]
         q = np.where(valid, self._radius(angle), np.nan)[..., None] * direction
         pixels = q @ self._affine.T + (self.cx, self.cy)
         return pixels, inside(pixels, self)
@@ -107,20 +106,9 @@ class OCam:
     def J_project(self, points: ArrayLike) -> Array:
         """Return d pixel / d point (..., 2, 3)."""
         p = np.asarray(points, dtype=np.float64)
-        z = p[..., 2]
-        sine = np.maximum(np.hypot(p[..., 0], p[..., 1]), MIN_SINE)
-        is_off = np.hypot(p[..., 0], p[..., 1]) > MIN_SINE
-        x, y = np.where(is_off, p[..., 0] / sine, 1.0), np.where(is_off, p[..., 1] / sine, 0.0)
-        square, angle = sine**2 + z**2, np.arctan2(sine, z)
+        _, angle, _, _ = where = polar(p)
         radius = self._radius(angle)
-        by_angle = 1.0 / self._slope(radius)  # d radius / d angle
-        along, by_z = by_angle * z / square, -by_angle * sine / square
-        across = np.where(sine < 1e-7, along, radius / sine)
-        J = np.empty((*p.shape[:-1], 2, 3))
-        J[..., 0, 0], J[..., 1, 1] = along * x * x + across * y * y, along * y * y + across * x * x
-        J[..., 0, 1] = J[..., 1, 0] = (along - across) * x * y
-        J[..., 0, 2], J[..., 1, 2] = by_z * x, by_z * y
-        return self._affine @ J
+        return self._affine @ J_polar(p, where, radius, 1.0 / self._slope(radius))
 
     def halve(self) -> Self:
         """Return the camera of the next pyramid level, whose radii are half as long."""

@@ -31,8 +31,11 @@ class Pinhole(Focal):
     @cached_property
     def coefficients(self) -> Array:
         """(fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, largest squared radius)."""
-        padded = (*self.distortion, *(0.0,) * (NUM_DISTORTION - len(self.distortion)))
-        return np.array([self.fx, self.fy, self.cx, self.cy, *padded, self.max_radius**2])
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self._padded, self.max_radius**2])
+
+    @property
+    def _padded(self) -> tuple[float, ...]:
+        return (*self.distortion, *(0.0,) * (NUM_DISTORTION - len(self.distortion)))
 
     @property
     def is_distorted(self) -> bool:
@@ -47,11 +50,8 @@ class Pinhole(Focal):
         """
         if not self.is_distorted:
             return np.inf
-        k1, k2, _, _, k3, k4, k5, k6 = (*self.distortion, *(0.0,) * (NUM_DISTORTION - len(self.distortion)))
         r = np.linspace(0.0, 10.0, 4001)
-        r2 = r * r
-        numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        numerator, denominator = self._fraction(r * r)
         distorted = np.where(denominator > 0, r * numerator / np.where(denominator > 0, denominator, 1.0), -1.0)
         falling = np.flatnonzero(np.diff(distorted) <= 0)
         return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
@@ -100,15 +100,19 @@ class Pinhole(Focal):
 
     def _terms(self, xy: Array) -> tuple[Array, Array, Array, Array, Array, float, float]:
         x, y = xy[..., 0], xy[..., 1]
-        _, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6, _ = self.coefficients
+        k1, k2, p1, p2, k3, k4, k5, k6 = self._padded
         r2 = x * x + y * y
-        numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        numerator, denominator = self._fraction(r2)
         d_numerator = k1 + r2 * (2 * k2 + 3 * r2 * k3)
         d_denominator = k4 + r2 * (2 * k5 + 3 * r2 * k6)
         radial = numerator / denominator
         d_radial = (d_numerator - radial * d_denominator) / denominator  # by r^2
-        return x, y, r2, radial, d_radial, float(p1), float(p2)
+        return x, y, r2, radial, d_radial, p1, p2
+
+    def _fraction(self, r2: Array) -> tuple[Array, Array]:
+        """Return numerator and denominator of the radial distortion at squared radii."""
+        k1, k2, _, _, k3, k4, k5, k6 = self._padded
+        return 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
 
     def _distort(self, xy: Array) -> Array:
         if not self.is_distorted:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, number, read_text, required, short, told_at
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, refuse_model
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, read_as, read_text, required
 from sphere_nav.geometry.se3 import SE3
 
-FIELDS = ("T_imu_cam", "intrinsics", "resolution")
-CENTER = ("fx", "fy", "cx", "cy")
 FURTHER: dict[str, tuple[str, ...]] = {
     "ds": ("xi", "alpha"),
     "ucm": ("alpha",),
@@ -26,6 +25,19 @@ QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
 NORM_TOLERANCE = 1e-3
 
 
+@dataclass(frozen=True)
+class _Lens:
+    camera_type: str
+    intrinsics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Calibration:
+    T_imu_cam: tuple[dict[str, float], ...]
+    intrinsics: tuple[_Lens, ...]
+    resolution: tuple[tuple[int, int], ...]
+
+
 def is_basalt(values: Any) -> bool:
     """Whether these are the values of such a file."""
     return isinstance(values, dict) and "T_imu_cam" in _inner(values)
@@ -34,50 +46,41 @@ def is_basalt(values: Any) -> bool:
 def read_basalt(path: Path) -> ForeignRig:
     """Return the cameras of a calibration of basalt; `T_imu_cam` points as ours do."""
     values = load_json(path, read_text(path, "basalt calibration", MAX_FILE_BYTES))
-    with told_at(path):
-        return _rig(values)
+    where = f"{path}: value0"
+    found: _Calibration = read_as(_Calibration, _inner(required(values, where, ())), where)
+    counts = [len(found.T_imu_cam), len(found.intrinsics), len(found.resolution)]
+    if len(set(counts)) > 1 or not counts[0]:
+        told = "{} of T_imu_cam, {} of intrinsics, {} of resolution".format(*counts)
+        raise ValueError(f"{where}: expected one pose, lens and size for each camera, found {told}")
+    poses = tuple(_place(pose, f"{where}.T_imu_cam[{n}]") for n, pose in enumerate(found.T_imu_cam))
+    lenses = enumerate(zip(found.intrinsics, found.resolution, strict=True))
+    cameras = tuple(_camera(lens, size, f"{where}.intrinsics[{n}]") for n, (lens, size) in lenses)
+    return ForeignRig(tuple(f"cam{n}" for n in range(len(cameras))), cameras, poses, is_by_imu=True)
 
 
-def _inner(values: Mapping[str, Any]) -> Mapping[str, Any]:
+def _inner(values: Mapping[str, Any]) -> Any:
     """Return what cereal, which writes these files, wraps in `value0`."""
     inner = values.get("value0", values)
     return inner if isinstance(inner, dict) else {}
 
 
-def _rig(values: Any) -> ForeignRig:
-    if not isinstance(values, dict):
-        raise ValueError(f"calibration: expected value0 with {', '.join(FIELDS)}, found {short(values)}")
-    inner = required(_inner(values), "value0", FIELDS)
-    counts = {field: len(inner[field]) if isinstance(inner[field], list) else -1 for field in FIELDS}
-    if len(set(counts.values())) > 1 or min(counts.values()) < 1:
-        found = ", ".join(f"{count if count >= 0 else 'no list'} of {field}" for field, count in counts.items())
-        raise ValueError(f"value0: expected one pose, lens and size for each camera, found {found}")
-    numbers = range(counts["intrinsics"])
-    poses = tuple(_pose(inner["T_imu_cam"][n], f"value0.T_imu_cam[{n}]") for n in numbers)
-    cameras = tuple(_camera(inner["intrinsics"][n], inner["resolution"][n], n) for n in numbers)
-    return ForeignRig(tuple(f"cam{n}" for n in numbers), cameras, poses, is_by_imu=True)
-
-
-def _camera(entry: Any, resolution: Any, index: int) -> Camera:
-    where = f"value0.intrinsics[{index}]"
-    kind = required(entry, where, ("camera_type", "intrinsics"))["camera_type"]
-    if not isinstance(kind, str) or kind not in FURTHER:
+def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
+    kind = lens.camera_type
+    if kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
-    fields = (*CENTER, *FURTHER[kind])
-    given = required(entry["intrinsics"], f"{where}.intrinsics", fields)
-    fx, fy, cx, cy, *more = (number(given[field], f"{where}.intrinsics.{field}") for field in fields)
-    lens = ForeignLens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")
-    if kind == "ds":
-        return lens.double_sphere(*more)
-    if kind == "ucm":
-        return lens.to_unified(*more)
-    return lens.fisheye(tuple(more)) if kind == "kb4" else lens.pinhole(tuple(more))
+    fields = ("fx", "fy", "cx", "cy", *FURTHER[kind])
+    given = required(lens.intrinsics, f"{where}.intrinsics", fields)
+    fx, fy, cx, cy, *more = (given[field] for field in fields)
+    found = ForeignLens(size, fx, fy, cx, cy, f"{where}.intrinsics")
+    if kind in ("ds", "ucm"):
+        return found.double_sphere(*[0.0, *more][-2:])  # a unified camera is one whose two spheres coincide
+    return found.fisheye(tuple(more)) if kind == "kb4" else found.pinhole(tuple(more))
 
 
-def _pose(entry: Any, where: str) -> SE3:
-    given = required(entry, where, (*POSITION, *QUATERNION))
-    xyzw = np.array([number(given[field], f"{where}.{field}") for field in QUATERNION])
+def _place(pose: Mapping[str, float], where: str) -> SE3:
+    given = required(pose, where, (*POSITION, *QUATERNION))
+    xyzw = np.array([given[field] for field in QUATERNION])
     norm = float(np.linalg.norm(xyzw))
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise ValueError(f"{where}: expected a unit quaternion, found one of length {norm:.4g}")
-    return SE3.from_quaternion(xyzw / norm, [number(given[field], f"{where}.{field}") for field in POSITION])
+    return SE3.from_quaternion(xyzw / norm, [given[field] for field in POSITION])

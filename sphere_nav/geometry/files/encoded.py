@@ -33,24 +33,18 @@ def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "file o
     try:
         if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
             return decode_file(data, MAX_PIXELS, mode)
-        read = _read_other_gray if mode == cv2.IMREAD_GRAYSCALE else _read_other
-        return np.asarray(read_isolated(read, Path(path), OTHER_BYTES, OTHER_S))
+        return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
-def _read_other(path: Path, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
+def _read_other(path: Path, mode: str) -> NDArray[Any]:
     """Return the pixels of a file of any kind; it may end the process."""
-    pixels = cv2.imdecode(np.fromfile(path, np.uint8), mode | cv2.IMREAD_IGNORE_ORIENTATION)
+    pixels = cv2.imdecode(np.fromfile(path, np.uint8), int(mode) | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None or pixels.size > 4 * MAX_PIXELS:
         raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
     return np.asarray(pixels)
-
-
-def _read_other_gray(path: Path) -> NDArray[Any]:
-    """Return the grey levels of a file of any kind; it may end the process."""
-    return _read_other(path, cv2.IMREAD_GRAYSCALE)
 
 
 def decode_file(

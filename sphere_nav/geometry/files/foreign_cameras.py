@@ -46,24 +46,15 @@ class ForeignLens:
 
     def fisheye(self, distortion: tuple[float, ...]) -> Camera:
         """Return the camera of Kannala and Brandt."""
-        if len(distortion) != 4:
-            raise ValueError(f"{self.where}: distortion: expected 4 numbers, found {len(distortion)}")
         return self._check(Fisheye, distortion)
 
     def double_sphere(self, xi: float, alpha: float) -> Camera:
-        """Return the camera of Usenko, Demmel and Cremers."""
+        """Return the camera of Usenko, Demmel and Cremers; xi = 0: x / (alpha d + (1 - alpha) z)."""
         return self._check(DoubleSphere, xi, alpha)
-
-    def to_unified(self, alpha: float) -> Camera:
-        """Return the unified camera, x / (alpha d + (1 - alpha) z): a double sphere whose two spheres coincide."""
-        return self.double_sphere(0.0, alpha)
 
     def omni(self, xi: float, distortion: tuple[float, ...] = ()) -> Camera:
         """Return Mei's camera, x / (z + xi d), with radial and tangential distortion behind it."""
-        center = (self.cx, self.cy)
-        check_center(center, self.size, self.where)
-        with told_at(self.where):
-            return Omni(*self.size, self.fx, self.fy, *center, xi, distortion)
+        return self._check(Omni, xi, distortion)
 
     def _check(self, model: Any, *more: Any) -> Camera:
         check_center((self.cx, self.cy), self.size, self.where)
@@ -79,10 +70,8 @@ def image_size(found: Any, where: str) -> tuple[int, int]:
     return size(found[0], where), size(found[1], where)
 
 
-def vector(values: Mapping[str, Any], name: str, where: str, count: int | None = None) -> tuple[float, ...]:
+def vector(values: Mapping[str, Any], name: str, where: str, count: int) -> tuple[float, ...]:
     """Return a field of a camera that is a list of numbers; it may be left out where it may be empty."""
-    if name not in values and count is not None and count > 0:
-        raise ValueError(f"{where}.{name}: expected {count} numbers, found none")
     return numbers(values.get(name) or [], f"{where}.{name}", count)
 
 

@@ -25,42 +25,25 @@ def join_chains(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignR
     Poses are relative to the IMU where every chain has them, else to the first camera of the first file. ValueError
     naming the file that shares nothing with those before it.
     """
-    if all(chain.is_by_imu for chain in chains):
-        origins = [SE3.identity() for _ in chains]
-        is_by_imu = True
-    else:
-        origins, is_by_imu = _by_shared_camera(chains, paths), False
-    cameras, poses, topics = [], [], []
-    for chain, T_first_chain in zip(chains, origins, strict=True):
-        for index, camera in enumerate(chain.cameras):
-            if chain.topics[index] and chain.topics[index] in topics:
-                continue
-            cameras.append(camera)
-            poses.append(T_first_chain @ chain.T_origin_camera[index])
-            topics.append(chain.topics[index])
+    is_by_imu = all(chain.is_by_imu for chain in chains)
+    cameras: list[Camera] = []
+    poses: list[SE3] = []
+    topics: list[str] = []
+    for chain, path in zip(chains, paths, strict=True):
+        T_first_chain, shared = SE3.identity(), next((t for t in chain.topics if t and t in topics), None)
+        if shared is None and topics and not is_by_imu:
+            expected = "poses relative to the IMU in all files, or a rostopic of a file before it"
+            raise ValueError(f"{path}: expected {expected} ({', '.join(topics)}), found {', '.join(chain.topics)}")
+        if shared is not None and not is_by_imu:
+            own = chain.T_origin_camera[chain.topics.index(shared)]
+            T_first_chain = poses[topics.index(shared)] @ own.inverse()
+        for topic, camera, T in zip(chain.topics, chain.cameras, chain.T_origin_camera, strict=True):
+            if not topic or topic not in topics:
+                cameras.append(camera)
+                poses.append(T_first_chain @ T)
+                topics.append(topic)
     names = tuple(f"cam{number}" for number in range(len(cameras)))
     return ForeignRig(names, tuple(cameras), tuple(poses), is_by_imu, tuple(topics))
-
-
-def _by_shared_camera(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> list[SE3]:
-    """Return the pose of every chain's origin in that of the first."""
-    origins, known = [SE3.identity()], {t: T for t, T in _camera_poses(chains[0]).items() if t}
-    for chain, path in zip(chains[1:], paths[1:], strict=True):
-        own = _camera_poses(chain)
-        shared = next((topic for topic in own if topic in known), None)
-        if shared is None:
-            told = ", ".join(topic or "none" for topic in chain.topics)
-            raise ValueError(
-                f"{path}: expected poses relative to the IMU in all files, or a rostopic of a file before it "
-                f"({', '.join(known) or 'none'}), found {told}"
-            )
-        origins.append(known[shared] @ own[shared].inverse())
-        known |= {topic: origins[-1] @ T for topic, T in own.items() if topic not in known}
-    return origins
-
-
-def _camera_poses(chain: ForeignRig) -> dict[str, SE3]:
-    return {topic: T for topic, T in zip(chain.topics, chain.T_origin_camera, strict=True) if topic}
 
 
 NAME = re.compile(r"cam([0-9]{1,3})")
@@ -92,11 +75,10 @@ def _rig(values: Any) -> ForeignRig:
     names = sorted((str(key) for key in values if NAME.fullmatch(str(key))), key=lambda name: int(name[3:]))
     if names != [f"cam{number}" for number in range(len(names))]:
         raise ValueError(f"camchain: expected cam0 to cam{len(names) - 1}, found {', '.join(names)}")
-    entries = [required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names]
-    cameras = tuple(_camera(name, entry) for name, entry in zip(names, entries, strict=True))
-    by_imu = [_by_imu(name, entry) for name, entry in zip(names, entries, strict=True)]
-    poses, is_by_imu = _poses(names, entries, by_imu)
-    topics = tuple(str(entry.get("rostopic") or "") for entry in entries)
+    entries = {name: required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names}
+    cameras = tuple(_camera(name, entry) for name, entry in entries.items())
+    poses, is_by_imu = _poses(entries)
+    topics = tuple(str(entry.get("rostopic") or "") for entry in entries.values())
     return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu, topics)
 
 
@@ -126,25 +108,19 @@ def _by_imu(name: str, entry: Mapping[str, Any]) -> SE3 | None:
     return pose(entry["T_imu_cam"], f"{name}.T_imu_cam") if "T_imu_cam" in entry else None
 
 
-def _poses(names: list[str], entries: list[Mapping[str, Any]], by_imu: list[SE3 | None]) -> tuple[list[SE3], bool]:
+def _poses(entries: Mapping[str, Mapping[str, Any]]) -> tuple[list[SE3], bool]:
     """Return the poses relative to the IMU, or to cam0, and which of them it is; both ways must agree."""
-    first = by_imu[0]
+    by_imu = {name: _by_imu(name, entry) for name, entry in entries.items()}
+    first = by_imu["cam0"]
     poses = [SE3.identity() if first is None else first]
-    for name, entry, T_imu_camera in zip(names[1:], entries[1:], by_imu[1:], strict=True):
-        if "T_cn_cnm1" in entry:
-            found = poses[-1] @ pose(entry["T_cn_cnm1"], f"{name}.T_cn_cnm1").inverse()
-            if first is not None and T_imu_camera is not None and _apart(found, T_imu_camera) > AGREEMENT:
-                raise ValueError(
-                    f"{name}.T_cam_imu: expected what T_cn_cnm1 and the camera before it say, found a pose "
-                    f"{_apart(found, T_imu_camera):.3g} m or rad away"
-                )
-        elif first is not None and T_imu_camera is not None:
-            found = T_imu_camera
-        else:
+    for name, entry in list(entries.items())[1:]:
+        told = by_imu[name] if first is not None else None
+        chained = pose(entry["T_cn_cnm1"], f"{name}.T_cn_cnm1").inverse() if "T_cn_cnm1" in entry else None
+        found = told if chained is None else poses[-1] @ chained
+        if found is None:
             raise ValueError(f"{name}.T_cn_cnm1: expected a pose, found none, nor T_cam_imu of all cameras")
+        if told is not None and (apart := float(np.max(found.distance(told)))) > AGREEMENT:
+            expected = "what T_cn_cnm1 and the camera before it say"
+            raise ValueError(f"{name}.T_cam_imu: expected {expected}, found a pose {apart:.3g} m or rad away")
         poses.append(found)
     return poses, first is not None
-
-
-def _apart(first: SE3, second: SE3) -> float:
-    return float(np.max(first.distance(second)))

@@ -6,6 +6,7 @@ the same or in a second file, with x_2 = R x_1 + T.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -147,25 +148,16 @@ def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str
 
 def _matrix(found: Any, where: str) -> Array:
     """Return a matrix of rows, cols and data, or a nested list."""
-    if isinstance(found, dict) and {"rows", "cols", "data"} <= set(found):
-        shape = tuple(size(found[side], f"{where}.{side}") for side in ("rows", "cols"))
-        data = found["data"] if isinstance(found["data"], list) else []
-        if len(data) != shape[0] * shape[1]:
-            raise ValueError(f"{where}: expected {shape[0]} x {shape[1]} numbers, found {len(data)}")
-        return np.array([number(value, where) for value in data]).reshape(shape)
-    rows = found if isinstance(found, list) else [found]
-    flat = [value for row in rows for value in (row if isinstance(row, list) else [row])]
-    if not flat or len(flat) % len(rows):
-        raise ValueError(f"{where}: expected a matrix, found {short(found)}")
-    return np.array([number(value, where) for value in flat]).reshape(len(rows), -1)
+    is_told = isinstance(found, dict) and {"rows", "cols", "data"} <= set(found)
+    table = np.array(found["data"] if is_told else found, dtype=object)
+    shape = tuple(size(found[side], f"{where}.{side}") for side in ("rows", "cols")) if is_told else table.shape
+    if len(shape) > 2 or table.size != math.prod(shape) or not table.size:
+        raise ValueError(f"{where}: expected a matrix, found {table.size} numbers: {short(found)}")
+    return np.array([number(value, where) for value in table.ravel()]).reshape(shape)
 
 
 def _pose(R: Array, t: Array, unit_m: float) -> SE3:
-    if t.size != 3:
-        raise ValueError(f"T: expected 3 numbers, found {t.size}")
-    if R.shape != (3, 3):
-        raise ValueError(f"R: expected 3 x 3 numbers, found {R.shape[0]} x {R.shape[1]}")
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = R, unit_m * t.ravel()
+    if t.size != 3 or R.shape != (3, 3):
+        raise ValueError(f"R, T: expected 3 x 3 and 3 numbers, found {R.size} and {t.size}")
     with told_at("R"):
-        return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
+        return SE3.from_matrix(np.vstack([np.column_stack([R, unit_m * t.ravel()]), [0, 0, 0, 1]]), ROTATION_TOLERANCE)

@@ -105,36 +105,31 @@ def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
 
 
 def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
-    where = f"cameras.{name}"
-    values = mapping(fields, where, CAMERA_FIELDS, OPTIONAL)
+    values = mapping(fields, f"cameras.{name}", CAMERA_FIELDS, OPTIONAL)
     mask = values.get("mask")
-    if mask is not None and not (folder / str(mask)).is_file():
-        raise ValueError(f"{where}.mask: expected an image file, found no {mask}")
-    T_rig_camera = pose(values["T_rig_camera"], f"{where}.T_rig_camera")
-    path = None if mask is None else str(folder / str(mask))
-    group, level = str(values.get("exposure_group") or ""), str(values.get("level") or "")
-    try:
-        return RigCamera(name, _model(values, where), T_rig_camera, path, group, level)
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(where) else f"{where}: {text}") from None
+    with told_at(f"cameras.{name}"):
+        if mask is not None and not (folder / str(mask)).is_file():
+            raise ValueError(f"mask: expected an image file, found no {mask}")
+        path = None if mask is None else str(folder / str(mask))
+        group, level = str(values.get("exposure_group") or ""), str(values.get("level") or "")
+        return RigCamera(name, _model(values), pose(values["T_rig_camera"], "T_rig_camera"), path, group, level)
 
 
 def _intrinsics(model: Any) -> list[str]:
     return [field.name for field in fields(model) if field.name not in ("width", "height", *LISTS)]
 
 
-def _model(values: Mapping[str, Any], where: str) -> Camera:
-    model = MODELS[choice(values["model"], f"{where}.model", MODELS)]
-    width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
-    lens = mapping(values["intrinsics"], f"{where}.intrinsics", _intrinsics(model))
-    given: dict[str, Any] = {key: number(value, f"{where}.intrinsics.{key}") for key, value in lens.items()}
-    check_center((given["cx"], given["cy"]), (width, height), f"{where}.intrinsics")
+def _model(values: Mapping[str, Any]) -> Camera:
+    model = MODELS[choice(values["model"], "model", MODELS)]
+    width, height = (size(values[side], side) for side in ("width", "height"))
+    lens = mapping(values["intrinsics"], "intrinsics", _intrinsics(model))
+    given: dict[str, Any] = {key: number(value, f"intrinsics.{key}") for key, value in lens.items()}
+    check_center((given["cx"], given["cy"]), (width, height), "intrinsics")
     for name in LISTS:
-        found = numbers(values.get(name) or [], f"{where}.{name}")
+        found = numbers(values.get(name) or [], name)
         is_known = any(field.name == name for field in fields(model))
         if found and not is_known:
-            raise ValueError(f"{where}.{name}: expected none for {model.model}, found {len(found)} numbers")
+            raise ValueError(f"{name}: expected none for {model.model}, found {len(found)} numbers")
         given |= {name: found} if found or (is_known and name == "polynomial") else {}
     camera: Camera = model(width, height, **given)
     return camera

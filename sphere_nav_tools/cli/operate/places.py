@@ -24,7 +24,7 @@ def network_of(made: Path, taught: Path | None) -> Network:
         return read_network(network_path(made))
     if taught is None:
         raise ValueError("places: expected a map with a taught path, found none: sphere_nav route build makes one")
-    return routes.read_network_of([taught], routes.map_id_of(made), VehicleParams().width)
+    return routes.read_network_of([taught], routes.map_id_of(made))
 
 
 def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -> list[Place]:

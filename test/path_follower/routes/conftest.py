@@ -36,10 +36,10 @@ def drive():
 @pytest.fixture(scope="session")
 def fork():
     """A straight road of 75 m, and a way around a part of it."""
-    return build_network([make_drive((75, 0)), make_drive(*FORK, left=0.05)], "campus", 1.2)
+    return build_network([make_drive((75, 0)), make_drive(*FORK, left=0.05)], "campus")
 
 
 @pytest.fixture(scope="session")
 def ring():
     """A ring of 138 m."""
-    return build_network([make_drive(*RING, *RING, *RING, *RING, (8, 0))], "campus", 1.2)
+    return build_network([make_drive(*RING, *RING, *RING, *RING, (8, 0))], "campus")

@@ -1,7 +1,6 @@
 """Networks, missions and drives in files: nothing is lost, and what is none is refused in one line."""
 
 import json
-import math
 import re
 
 import numpy as np
@@ -37,7 +36,6 @@ def test_a_network_comes_back_as_it_was(named, tmp_path):
     for edge in named.edges.values():
         other = found.edges[edge.id]
         assert (other.start, other.end, other.is_forward, other.is_reverse) == (edge.start, edge.end, True, False)
-        assert (other.num_drives, math.isnan(other.deviation)) == (edge.num_drives, True)
         for name in ("x", "y", "yaw", "speed"):
             np.testing.assert_allclose(getattr(other.curve, name), getattr(edge.curve, name), atol=1e-4)
 
@@ -71,14 +69,13 @@ def test_an_edge_comes_back_from_its_file_however_it_may_be_driven():
     x = np.linspace(0.0, 3.1, 32)
     curve = EdgeCurve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
     ways = {10: (True, False), 11: (True, True), 12: (False, True)}
-    edges = {i: RouteEdge(i, 1, 2, curve, 1.25, *way, deviation=0.0125, num_drives=4) for i, way in ways.items()}
+    edges = {i: RouteEdge(i, 1, 2, curve, *way) for i, way in ways.items()}
     nodes = {1: Node(1, Pose2(0.0, 0.0, 0.0997)), 2: Node(2, Pose2(3.1, 0.31, 0.0997))}
     text = to_geojson(Network(nodes, edges, {"gate": 2}, "campus", "hall"))
     found = from_geojson(text)
     assert (found.places, found.frame) == ({"gate": 2}, "hall")
     for i, edge in found.edges.items():
         assert (edge.start, edge.end, edge.is_forward, edge.is_reverse) == (1, 2, *ways[i])
-        assert (edge.width, edge.deviation, edge.num_drives) == (1.25, 0.0125, 4)
         np.testing.assert_allclose(edge.curve.speed, curve.speed, atol=1e-4)
     lines = {f["properties"]["id"]: f for f in json.loads(text)["features"] if f["geometry"]["type"] != "Point"}
     ends = {i: (line["properties"]["startid"], line["properties"]["endid"]) for i, line in lines.items()}
@@ -205,16 +202,13 @@ def test_a_drive_forward_and_back_is_two_drives_and_so_is_a_reversible_one(tmp_p
         )
         assert (ahead > 0).all()
         assert drive.curve.speed == pytest.approx(0.8)
-        assert np.isnan(drive.deviation).all()
     drives, _ = read_drives(write_csv(tmp_path / "d.csv", kit.course((10, 0))), FollowerParams(), is_reversible=True)
     assert [drive.direction for drive in drives] == [1, -1]
 
 
-def test_how_well_a_taught_drive_was_localised_goes_along(tmp_path):
+def test_a_taught_drive_has_its_map_and_its_speed(tmp_path):
     poses = SE3(np.stack([SE3.from_planar(0.1 * i, 0, 0).matrix for i in range(101)]))
-    covariances = np.tile(np.diag([1.0, 0.03**2, 1.0, 1.0, 1.0, 1.0]), (101, 1, 1))  # y of the body: across
-    write_tum(tmp_path / "d.tum", Trajectory(10**9 + 10**8 * np.arange(101), poses, covariances), "hall")
+    write_tum(tmp_path / "d.tum", Trajectory(10**9 + 10**8 * np.arange(101), poses), "hall")
     (drive,), map_id = read_drives(tmp_path / "d.tum", FollowerParams())
     assert map_id == "hall"
-    assert drive.deviation == pytest.approx(0.03)
     assert np.median(drive.curve.speed) == pytest.approx(1.0, rel=0.02)

@@ -90,8 +90,8 @@ def arc(radius):
 @pytest.fixture
 def network():
     edges = {
-        5: RouteEdge(5, 1, 2, straight(10.0), 1.5, True, True, 0.0125, 3),
-        6: RouteEdge(6, 2, 3, arc(2.3), 1.25, False, True),
+        5: RouteEdge(5, 1, 2, straight(10.0), True, True),
+        6: RouteEdge(6, 2, 3, arc(2.3), False, True),
         7: RouteEdge(7, 2, 4, arc(2.6)),
     }
     nodes = {number: Node(number, Pose2(10.0 * (number > 1), 0.0, 0.0)) for number in (1, 2, 3, 4)}
@@ -102,10 +102,10 @@ def test_a_network_in_lines(network):
     """A Cycab, 1.2 m between the axles and 0.45 rad of steering, drives circles of 2.48 m."""
     assert describe(network) == [
         "4 nodes, 3 edges, 14.9 m, map unknown",
-        "edge  from  to  length  width  drives  speed  deviation  driven",
-        "   5     1   2  10.0    1.50        3  0.50   0.013      both ways",
-        "   6     2   3  2.3     1.25        1  -      -          backwards",
-        "   7     2   4  2.6     0.00        1  -      -          forward",
+        "edge  from  to  length  speed  driven",
+        "   5     1   2  10.0    0.50   both ways",
+        "   6     2   3  2.3     -      backwards",
+        "   7     2   4  2.6     -      forward",
         "place barn: node 1",
         "place gate: node 3",
         "edge 6: bends to 2.3 m radius; a Cycab cannot turn tighter than 2.5",
