@@ -15,6 +15,7 @@ import os
 import re
 import secrets
 import socket
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -191,6 +192,36 @@ def make_server(
         server.stop()
         raise ValueError(f"{command}: expected a viser that websockets serves, found {viser.__version__}: {INSTALL}")
     return server
+
+
+class WebPage:
+    """A page behind the gate, for any number of browsers until `close`."""
+
+    def __init__(
+        self,
+        command: str,
+        place: tuple[str, int],
+        token: str,
+        acts: Mapping[str, Callable[[], str]] | None = None,
+    ) -> None:
+        """`place`: host and port; `token` and `acts` as of `make_server`."""
+        self.closed, (self._host, port), self._token = threading.Event(), place, token
+        self.server = make_server(command, self._host, port, token, acts)
+        self.server.scene.set_up_direction("+z")
+
+    @property
+    def link(self) -> str:
+        """Which leads to it."""
+        return link_to(self._host, int(self.server.get_port()), self._token)
+
+    def close(self) -> None:
+        """End the page and the threads of its browsers."""
+        self.closed.set()
+        self.server.stop()
+
+    def has(self, client: Any) -> bool:
+        """Whether a browser is still there."""
+        return not self.closed.is_set() and client.client_id in self.server.get_clients()
 
 
 @contextmanager

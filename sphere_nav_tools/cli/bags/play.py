@@ -34,16 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Play to the end, or until a signal."""
-    values = {
-        "bag": arguments.bag,
-        "topics": " ".join(arguments.topics),
-        "rate": arguments.rate,
-        "start": arguments.start,
-        "clock": arguments.clock,
-        "paused": arguments.paused,
-        "loop": arguments.loop,
-        "wait_for": " ".join(arguments.wait_for),
-    }
+    words = {name: " ".join(getattr(arguments, name)) for name in ("topics", "wait_for")}
+    values = {name: getattr(arguments, name) for name in ("bag", "rate", "start", "clock", "paused", "loop")} | words
     with tqdm(unit="message", desc="play", disable=None) as bar:
 
         def show(done: int, total: int) -> None:

@@ -56,8 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     teaching = Teaching(folder, what, shlex.split(arguments.map_options))
     link = Link(arguments.namespace, arguments.image)
     try:
-        page = OperatorPage(link, teaching, simulated, host=arguments.host, port=arguments.port, token=token)
-        print(f"{gate.link_to(arguments.host, page.port, token)}  (Ctrl-C ends it)", flush=True)
+        page = OperatorPage(link, teaching, simulated, place=(arguments.host, arguments.port), token=token)
+        print(f"{page.link}  (Ctrl-C ends it)", flush=True)
         try:
             threading.Event().wait()
         finally:

@@ -21,7 +21,7 @@ import numpy as np
 
 from sphere_nav.spheres.sphere import to_rgb
 from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, PICTURE_S, SILENT_S
-from sphere_nav_tools.cli.gate import make_server
+from sphere_nav_tools.cli.gate import WebPage
 from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
 from sphere_nav_tools.cli.operate.link import GOES_ON, Link
@@ -47,7 +47,7 @@ PACE = {  # by hand: m/s, rad/s
 }
 
 
-class OperatorPage:
+class OperatorPage(WebPage):
     """Serves any number of browsers until `close`; what one of them presses, all of them see."""
 
     def __init__(
@@ -56,52 +56,34 @@ class OperatorPage:
         teaching: Teaching,
         simulated: SimulatedVehicle | None = None,
         *,
-        host: str,
-        port: int,
+        place: tuple[str, int],
         token: str,
     ) -> None:
-        """`token`: of the link to it."""
-        self.link, self.teaching, self.simulated = link, teaching, simulated
-        self._closed = threading.Event()
+        """`place` and `token` as of a WebPage."""
+        self.vehicle, self.teaching, self.simulated = link, teaching, simulated
         self._ground: tuple[Path | None, Ground | None] = None, None
         acts = {"emergency_stop": self._press, "state": self.state}  # what needs no websocket
-        self.server = make_server("operate", host, port, token, acts)
-        self.server.scene.set_up_direction("+z")
+        super().__init__("operate", place, token, acts)
         self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
 
-    @property
-    def port(self) -> int:
-        """Where it listens."""
-        return int(self.server.get_port())
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether all is over."""
-        return self._closed.is_set()
-
-    def close(self) -> None:
-        """End the page and the threads of its browsers; the vehicle goes on as it does."""
-        self._closed.set()
-        self.server.stop()
-
     def _press(self) -> str:
         """Press the emergency stop by a thread: who asked for it is answered at once."""
-        threading.Thread(target=lambda: self.link.seen.say(self.link.press_emergency()), daemon=True).start()
+        threading.Thread(target=lambda: self.vehicle.seen.say(self.vehicle.press_emergency()), daemon=True).start()
         return "asked for"
 
     def state(self) -> str:
         """Return what is going on as HTML."""
         is_new = self.simulated is not None and not self.simulated.is_driven
         job = self.teaching.describe() if self.teaching.busy else ""
-        job += f" · {self.link.describe_images()}" * self.teaching.is_recording
-        return banner(self.link.seen, job, TEACH_FIRST if is_new else IS_IT_RUNNING)
+        job += f" · {self.vehicle.describe_images()}" * self.teaching.is_recording
+        return banner(self.vehicle.seen, job, TEACH_FIRST if is_new else IS_IT_RUNNING)
 
     def map_in_use(self) -> Path | None:
         """Return the map in the folder that the localiser uses; None where it is not here."""
-        status, _ = self.link.seen.told("localizer")
+        status, _ = self.vehicle.seen.told("localizer")
         return self.teaching.with_map(status.map_id) if status is not None else None
 
     def ground(self) -> Ground | None:
@@ -116,18 +98,14 @@ class OperatorPage:
         try:
             self._ground = made, ground_of(made)
         except (ValueError, OSError) as error:
-            self.link.seen.say(str(error))
-
-    def has(self, client: Any) -> bool:
-        """Whether a browser is still there."""
-        return not self._closed.is_set() and client.client_id in self.server.get_clients()
+            self.vehicle.seen.say(str(error))
 
 
 class Desk:
     """What one browser shows, and the thread that keeps it up to date until the browser leaves."""
 
     def __init__(self, page: OperatorPage, client: Any) -> None:
-        self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
+        self.page, self.client, self.link, self.teaching = page, client, page.vehicle, page.teaching
         self.chart = Chart(client)
         self._clicked: tuple[float, float] | None = None
         self._is_heard = False
@@ -330,7 +308,7 @@ class Desk:
         An ordinary stop would brake too gently.
         """
         was_lost = has_left = False
-        while not (has_left or self.page.is_closed):
+        while not (has_left or self.page.closed.is_set()):
             has_left = not self.page.has(self.client)
             is_lost = self._is_watched.value and (has_left or not self._lives())
             if is_lost and not was_lost:

@@ -21,7 +21,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_rgb
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
-from sphere_nav_tools.cli.gate import make_server
+from sphere_nav_tools.cli.gate import WebPage
 from sphere_nav_tools.cli.view.drive import Shot
 
 SIDE, BORDER = 300, 20  # px
@@ -79,7 +79,7 @@ FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 ANY_LOOK = "the nearest key spheres"
 
 
-class Page:
+class Page(WebPage):
     """Serves one map to any number of browsers until `close`."""
 
     def __init__(
@@ -89,27 +89,19 @@ class Page:
         start: SE3,
         experience: Experience | None = None,
         *,
-        host: str,
-        port: int,
+        place: tuple[str, int],
         token: str,
     ) -> None:
         """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
         self._first, self._start = experience, start
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
-        self._closed = threading.Event()
-        self.server = make_server("view", host, port, token)
-        self.server.scene.set_up_direction("+z")
+        super().__init__("view", place, token)
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)
         initial.near, initial.far = 0.05, 500.0
         self._add_graph()
         self._drive: dict[str, Any] = {}
         self.server.on_client_connect(self._welcome)
-
-    @property
-    def port(self) -> int:
-        """Where it listens."""
-        return int(self.server.get_port())
 
     def show(self, shot: Shot, camera: Camera) -> None:
         """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
@@ -137,7 +129,7 @@ class Page:
             )
             for client in self.server.get_clients().values() if handles["ride"].value else ():
                 put(client, shot.T_map_camera)
-        while handles["pause"].value and not self._closed.wait(FLIGHT_STEP_S):
+        while handles["pause"].value and not self.closed.wait(FLIGHT_STEP_S):
             pass
 
     def fly(self, client: Any, target: SE3) -> None:
@@ -145,15 +137,10 @@ class Page:
         begin, start = browser_pose(client.camera), time.monotonic()
         way = (begin.inverse() @ target).log()
         share = 0.0
-        while share < 1.0 and not self._closed.wait(FLIGHT_STEP_S):
+        while share < 1.0 and not self.closed.wait(FLIGHT_STEP_S):
             share = min((time.monotonic() - start) / FLIGHT_S, 1.0)
             T = begin @ SE3.exp(way * (3.0 - 2.0 * share) * share**2)
             put(client, T)
-
-    def close(self) -> None:
-        """End the page and the threads of its browsers."""
-        self._closed.set()
-        self.server.stop()
 
     def _add_graph(self) -> None:
         scene = self.server.scene
@@ -230,7 +217,7 @@ class Page:
     def _follow(self, client: Any, changed: threading.Event, draw: Callable[[bool], bool]) -> None:
         """Draw whenever the camera of a browser has moved, and once more when it stands, until it leaves."""
         is_whole = True
-        while not self._closed.is_set() and client.client_id in self.server.get_clients():
+        while self.has(client):
             if changed.wait(STILL_S):
                 changed.clear()
                 draw(False)

@@ -120,8 +120,8 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     token = gate.token_for(arguments.token)
     drive = Drive(arguments, reader) if arguments.bag else None
     shown_first = find_experience(scene, arguments.experience)
-    page = Page(reader.graph, scene, start, shown_first, host=arguments.host, port=arguments.port, token=token)
-    print(f"{gate.link_to(arguments.host, page.port, token)}  (Ctrl-C ends it)", flush=True)
+    page = Page(reader.graph, scene, start, shown_first, place=(arguments.host, arguments.port), token=token)
+    print(f"{page.link}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:
             replay_drive(drive, page)

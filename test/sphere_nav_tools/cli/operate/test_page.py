@@ -30,7 +30,6 @@ from path_follower.routes.network_file import to_geojson
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.maps.writer import MapDetails, save_map
-from sphere_nav_tools.cli.gate import link_to
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import NAMES, OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
@@ -107,7 +106,7 @@ def yard(tmp_path_factory):
     folder = tmp_path_factory.mktemp("yard")
     (folder / "loop.csv").write_text("0,0\n9,0\n")
     follower, link = FakeFollower(), Link()
-    page = OperatorPage(link, Teaching(folder, [], []), host="127.0.0.1", port=8960, token=TOKEN)
+    page = OperatorPage(link, Teaching(folder, [], []), place=("127.0.0.1", 8960), token=TOKEN)
     wait_until(lambda: all(link.clients[f"path_follower/{name}"].service_is_ready() for name in SERVICES))
     yield follower, link, page
     page.close()
@@ -130,7 +129,7 @@ def enter(yard):
     clients = []
 
     def come():
-        clients.append(PageClient(link_to("127.0.0.1", yard[2].port, TOKEN)))
+        clients.append(PageClient(yard[2].link))
         return clients[-1]
 
     yield come
@@ -143,7 +142,7 @@ def wait_until(holds):
 
 
 def ask_to_stop(yard):
-    with urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S) as told:
+    with urllib.request.urlopen(f"{yard[2].link}/emergency_stop", timeout=WAIT_S) as told:
         assert told.status == 200
 
 
@@ -239,7 +238,7 @@ def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is
     time.sleep(0.3)
     assert set(follower.emergency) == {True}
     with pytest.raises(urllib.error.HTTPError, match="403"):
-        urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, 'guess_of_it')}/emergency_stop", timeout=WAIT_S)
+        urllib.request.urlopen(f"{yard[2].link.rpartition('/')[0]}/guess_of_it/emergency_stop", timeout=WAIT_S)
     page.close()
     again = enter()
     again.click("release the emergency stop")

@@ -16,6 +16,7 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import server, view
 from sphere_nav_tools.cli.view.drive import Drive
@@ -124,12 +125,12 @@ def test_key_spheres_and_loops_lie_where_they_are():
 @pytest.fixture
 def page(monkeypatch):
     """A page without a server: three key spheres on a way, and a loop between the first and the last one."""
-    monkeypatch.setattr(server, "make_server", lambda *_: MagicMock())
+    monkeypatch.setattr(gate, "make_server", lambda *_: MagicMock())
     monkeypatch.setattr(server, "FLIGHT_S", 0.05)
     edges = [Edge(0, 1, SE3.identity(), np.eye(6)), Edge(0, 2, SE3.identity(), np.eye(6), is_loop=True)]
     graph = SphereGraph([KeySphere(i, i, T) for i, T in enumerate(PLACES)], edges)
     scene = MagicMock(experiences=[Experience("", "night", "b", 5)])
-    return server.Page(graph, scene, PLACES[1] @ T_BODY_OPTICAL, host="", port=0, token="")
+    return server.Page(graph, scene, PLACES[1] @ T_BODY_OPTICAL, place=("", 0), token="")
 
 
 def browser(T):
