@@ -80,12 +80,7 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
         if not bag.num_messages:
             raise BagError(f"{source}: expected a whole chunk to salvage, found none")
         bag.annotate("salvaged_from", os.fspath(source))
-        count = bag.num_messages
-    with BagReader(target, is_empty_allowed=True) as bag_read:
-        reread = sum(1 for _ in bag_read.raw())
-    if reread != count:
-        raise BagError(f"{target}: expected {count} salvaged messages, found {reread}")
-    return count
+    return bag.num_messages
 
 
 def _class_of(info: TopicInfo) -> type[Any] | None:

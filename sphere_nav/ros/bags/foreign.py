@@ -5,7 +5,6 @@ What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -21,11 +20,10 @@ from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file, printable
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import ROS1, SALVAGE, SQLITE
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, BoundedFile
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, open_bag, told
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 
@@ -50,9 +48,9 @@ class ForeignBag:
     def _open(self, path: Path) -> None:
         files = sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE)
         for file in files or [path] * (path.suffix == ROS1):
-            self._guard(partial(_check_file, file))
+            _check_file(file)
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
-        plain = _BoundedPath(self._plain_path(path))
+        plain = self._plain_path(path)
         self._reader: Any = self._guard(lambda: reader(plain))
         self._guard(self._reader.open)
         self._is_open = True
@@ -117,24 +115,8 @@ class ForeignBag:
 
     def _guard(self, call: Callable[[], Any]) -> Any:
         """Return what a call into the library returns; whatever it raises about a damaged bag becomes BagError."""
-        try:
+        with told_at(self._path, BagError), told("a readable bag", "" if self._path.suffix == ROS1 else f"; {SALVAGE}"):
             return call()
-        except (MemoryError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            text = printable(str(error)) or type(error).__name__
-            if isinstance(error, BagError) and text.startswith(str(self._path)):
-                raise BagError(text) from None
-            remedy = "" if self._path.suffix == ROS1 else f"; {SALVAGE}"
-            raise BagError(f"{self._path}: expected a readable bag, found: {text[:200]}{remedy}") from None
-
-
-class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the library opens what it is given by `open`
-    """A path that opens bounded files."""
-
-    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
-        """Open as Path does."""
-        return BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
 
 
 def _bound_chunk(chunk: Any) -> Any:
@@ -186,12 +168,9 @@ def _plain(stamp_ns: Any, data: Any) -> tuple[int, bytes]:
 
 def _check_file(file: Path) -> None:
     """Refuse a pipe or a device, which a library would wait for, and a database of which a part lies beside it."""
-    try:
-        open_file(file, "bag", LIMITS["bag"]).close()
-        if not file.stat().st_size:  # also a file of /proc, which may have no end
-            raise ValueError(f"{file}: expected a bag, found an empty file")
-    except ValueError as error:
-        raise BagError(str(error)) from None
+    with open_bag(file) as stream:
+        if not stream.read(1):
+            raise BagError(f"{file}: expected a bag, found an empty file")
     for beside in (file.with_name(f"{file.name}{end}") for end in SIDE_FILES):
         if beside.exists() and beside.stat().st_size:
             remedy = f"sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)' merges it"

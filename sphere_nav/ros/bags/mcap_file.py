@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import heapq
-import io
 import logging
-import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -27,33 +25,31 @@ from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 
 MAX_CHUNK = 1 << 28  # bytes of a record, packed or not; one message of a chunk is the least that is read at once
-MAX_HELD = 1 << 29  # bytes of messages that wait for their turn, where chunks overlap in time
-OVERHEAD = 300  # bytes of memory of a message beside its data
 IN_CHUNK = -1  # place of a chunk among the messages at its beginning
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, CRC
 
 
-class BoundedFile(io.BufferedReader):
-    """A file that never asks for memory beyond its end, whatever size is written in it."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Return up to `size` bytes, all where it is negative."""
-        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
-            size = max(0, min(size, os.fstat(self.fileno()).st_size - self.tell()))
-        return super().read(size)
+def open_bag(path: Path) -> BinaryIO:
+    """Open a regular file; BagError in one line for none, and for what cannot be read."""
+    try:
+        return open_file(path, "bag", LIMITS["bag"])
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise BagError(str(error)) from None
 
 
 @contextmanager
-def told(what: str) -> Iterator[None]:
-    """Whatever a library raises about a damaged bag becomes BagError, in one line."""
+def told(what: str, remedy: str = "") -> Iterator[None]:
+    """Whatever a library raises about a damaged bag becomes BagError, in one line; an absurd size is a MemoryError."""
     try:
         yield
-    except (MemoryError, BagError):
+    except BagError:
         raise
     except Exception as error:
         text = printable(str(error)) or type(error).__name__
-        raise BagError(f"expected {what}, found: {text[:200]}") from None
+        raise BagError(f"expected {what}, found: {text[:200]}{remedy}") from None
 
 
 def read_chunk(stream: BinaryIO, place: int) -> list[Any]:
@@ -92,12 +88,7 @@ class McapFile:
 
     def __init__(self, path: Path, damages: list[str] | None = None, *, is_cut: bool = False) -> None:
         self.path, self._damages, self._is_cut = path, damages, is_cut
-        try:
-            self.stream = BoundedFile(open_file(path, "bag", LIMITS["bag"]).detach())
-        except OSError as error:
-            raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-        except ValueError as error:
-            raise BagError(str(error)) from None
+        self.stream = open_bag(path)
         self.size = self.stream.seek(0, 2)
         self._loose: list[tuple[int, int]] = []  # log time and place of messages outside of chunks
         try:
@@ -176,20 +167,15 @@ class McapFile:
         ]
         queue += [(stamp, place, 0, None) for stamp, place in self._loose if start <= stamp <= end]
         heapq.heapify(queue)
-        held = 0
         while queue:
             _, offset, place, item = heapq.heappop(queue)
             if item is not None:
-                held -= len(item[1].data) + OVERHEAD
                 yield item
                 continue
             found = self._readable(offset) if place == IN_CHUNK else [self._single(offset)]
             for number, (channel, message) in enumerate(found):
                 if (channels is None or channel.id in channels) and start <= message.log_time <= end:
                     heapq.heappush(queue, (message.log_time, offset, number, (channel, message)))
-                    held += len(message.data) + OVERHEAD
-                if held > MAX_HELD:
-                    raise BagError(f"expected chunks in order of time, found {MAX_HELD} bytes that overlap")
 
     def _readable(self, place: int) -> list[tuple[Channel, Message]]:
         try:

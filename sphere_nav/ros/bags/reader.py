@@ -184,8 +184,4 @@ def _information(metadata: Path) -> dict[str, Any] | None:
     names = information["relative_file_paths"]
     if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
         raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
-    if len({Path(name).name for name in names}) < len(names):
-        raise BagError(
-            f"{metadata}: relative_file_paths: expected each file once, found {len(names)} names: {short(names)}"
-        )
     return dict(information)

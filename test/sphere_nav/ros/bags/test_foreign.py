@@ -20,7 +20,6 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 
-from sphere_nav.ros.bags.foreign import _BoundedPath
 from sphere_nav.ros.bags.mcap_file import MAX_CHUNK
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
@@ -214,19 +213,3 @@ def test_frames_and_types_of_others_come_out_of_a_ros1_bag(kind, tmp_path):
         assert found.transform.translation.z == 3
         assert bag.topics["/battery"].count == 1
         assert struct.unpack("<f", next(bag.raw(["/battery"])).message[-4:]) == (12.5,)
-
-
-def test_a_file_asks_for_no_memory_beyond_its_end(tmp_path):
-    (tmp_path / "a.bag").write_bytes(bytes(range(100)) * 1000)
-    with _BoundedPath(tmp_path / "a.bag").open("rb") as file:
-        assert file.read(4) == bytes([0, 1, 2, 3])
-        tracemalloc.start()
-        rest = file.read(10**9)
-        assert (len(rest), file.read(10**9)) == (100_000 - 4, b"")
-        assert tracemalloc.get_traced_memory()[1] < 10**6
-        tracemalloc.stop()
-        assert rest[:2] == bytes([4, 5])
-        file.seek(200_000)
-        assert file.read(10**9) == b""
-        file.seek(99_998)
-        assert file.read() == bytes([98, 99])
