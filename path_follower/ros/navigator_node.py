@@ -234,7 +234,7 @@ class RouteNavigator(ManagedNode):
                 answer(None, one_line(error))
                 return
             path = str(file)
-        self.follower.call(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
+        self.follower(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
 
     def feedback(self) -> Navigate.Feedback:
         """Return how the mission goes."""

@@ -20,6 +20,7 @@ from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+Answer = Callable[[Any, str], None]  # gets the response and an empty text, or None and why there is none
 
 
 class ThrottledLog:
@@ -76,13 +77,6 @@ class Publisher(Protocol):
     def num_subscriptions(self) -> int:
         """Number of subscriptions, to skip work that nobody asked for; 1 in a replay that captures the topic."""
         ...
-
-
-class Client(Protocol):
-    """A service of another node."""
-
-    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
-        """Ask; `answer` gets the response and an empty text, or None and why there is none. It may come at once."""
 
 
 class GoalCalls(NamedTuple):
@@ -167,8 +161,8 @@ class Endpoints(ABC):
         """Offer a service whose handler never raises."""
 
     @abstractmethod
-    def add_client(self, name: str, kind: type[Any]) -> Client:
-        """Call a service of another node, `name` relative and remappable; never waits."""
+    def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
+        """Return what asks a service of another node, `name` relative and remappable; the answer may come at once."""
 
     @abstractmethod
     def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:

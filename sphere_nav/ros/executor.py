@@ -90,18 +90,8 @@ class GuardedExecutor(SingleThreadedExecutor):
 
     def __init__(self, failures: CallbackFailures, *, context: Context | None = None) -> None:
         super().__init__(context=context)
-        self._failures = failures
+        self.failures = failures
         self._num_failed_waits = 0
-
-    @property
-    def num_failed(self) -> int:
-        """Number of callbacks that raised."""
-        return self._failures.num_failed
-
-    @property
-    def last_failure(self) -> str:
-        """What the last of them raised, in one line; empty where none did."""
-        return self._failures.last_failure
 
     def spin_until(self, stopped: Future) -> int:
         """Serve until the future is done, by whatever thread, or until nothing can be served any more.
@@ -136,17 +126,17 @@ class GuardedExecutor(SingleThreadedExecutor):
             raise
         except Exception as error:
             self._num_failed_waits += 1
-            self._failures.add(error, "waiting for messages")
+            self.failures.add(error, "waiting for messages")
             time.sleep(PAUSE_S)
             return
         self._num_failed_waits = 0
         handler()
         raised = handler.exception()
         if raised is None:
-            self._failures.clear(entity)
+            self.failures.clear(entity)
         else:
             self._release(entity)
-            self._failures.add(raised, entity_name(entity), entity)
+            self.failures.add(raised, entity_name(entity), entity)
 
     def _release(self, entity: Any) -> None:
         """Have an entity served again: rclpy leaves it and its group busy where its message could not be taken."""

@@ -9,7 +9,6 @@ from math import inf
 from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.client import Client
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -22,7 +21,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.actions import GuardedActionServer
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, GoalCalls
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, GoalCalls
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
@@ -49,20 +48,6 @@ class LivePublisher:
     def wait_for_acknowledgement(self, seconds: float) -> bool:
         """Wait until every reliable subscription has all messages; False when the time is over."""
         return self._publisher.wait_for_all_acked(Duration(seconds=seconds))
-
-
-class LiveClient:
-    """A client that answers at once where nobody offers its service."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-
-    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
-        """Send a request; the answer comes by the executor."""
-        if not self._client.service_is_ready():
-            answer(None, f"{self._client.service_name}: no such service: see that its node runs")
-            return
-        self._client.call_async(request).add_done_callback(lambda done: answer(done.result(), ""))
 
 
 class RclpyShell(Endpoints, Node):
@@ -173,11 +158,18 @@ class RclpyShell(Endpoints, Node):
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
 
-    def add_client(self, name: str, kind: type[Any]) -> LiveClient:
-        """Make a client of a service."""
+    def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
+        """Make a client of a service, which answers at once where nobody offers that, else by the executor."""
         client = self.create_client(kind, name)
         self._entities.append(lambda: self.destroy_client(client))
-        return LiveClient(client)
+
+        def call(request: Any, answer: Answer) -> None:
+            if client.service_is_ready():
+                client.call_async(request).add_done_callback(lambda done: answer(done.result(), ""))
+            else:
+                answer(None, f"{client.service_name}: no such service: see that its node runs")
+
+        return call
 
     def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
         """Make an action server; what its callbacks raise is counted as of any callback."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,8 +72,10 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
             reader = stack.enter_context(closing(McapFile(file, damages=[], is_cut=True)))
             for channel, message in reader.messages():
                 schema = reader.summary.schemas.get(channel.schema_id)
-                if schema and bag.type_of(channel.topic) in ("", schema.name):  # of two types on a topic the first one
-                    offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
+                if schema is None:
+                    continue
+                offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
+                with suppress(BagError):  # of two types on a topic the first one
                     bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
                     bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
                     progress(1)

@@ -30,7 +30,7 @@ from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
-from sphere_nav.ros.endpoints import GoalCalls
+from sphere_nav.ros.endpoints import Answer, GoalCalls
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode, NodeShell, ThrottledLog
 from sphere_nav.ros.service import one_line
@@ -57,23 +57,6 @@ class OfflinePublisher:
     def num_subscriptions(self) -> int:
         """Number of listeners on the bus; one more where the topic is captured."""
         return len(self._bus.listeners.get(self._topic, ())) + self._bus.is_captured(self._topic)
-
-
-class OfflineClient:
-    """Calls a service of a node of the bus."""
-
-    def __init__(self, bus: OfflineBus, name: str) -> None:
-        self._bus, self._name = bus, name
-
-    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
-        """Answer at once."""
-        node_name, _, service = self._name.strip("/").rpartition("/")
-        for node in self._bus.nodes:
-            shell = node.endpoints
-            if node_name == node.NAME and isinstance(shell, OfflineShell) and service in shell.services:
-                answer(shell.call(service, request), "")
-                return
-        answer(None, f"/{node_name}/{service}: no such service: see that its node runs")
 
 
 class OfflineShell(NodeShell):
@@ -117,9 +100,19 @@ class OfflineShell(NodeShell):
         """Keep a service for `call`."""
         self.services[name.removeprefix("~/")] = (kind, handler)
 
-    def add_client(self, name: str, kind: type[Any]) -> OfflineClient:
-        """Call a service of another node of the bus, `node/service`."""
-        return OfflineClient(self._bus, name)
+    def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
+        """Return what asks a service of another node of the bus, `node/service`, and answers at once."""
+        node_name, _, service = name.strip("/").rpartition("/")
+
+        def call(request: Any, answer: Answer) -> None:
+            for node in self._bus.nodes:
+                shell = node.endpoints
+                if node_name == node.NAME and isinstance(shell, OfflineShell) and service in shell.services:
+                    answer(shell.call(service, request), "")
+                    return
+            answer(None, f"/{node_name}/{service}: no such service: see that its node runs")
+
+        return call
 
     def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
         """Keep an action for `self.actions[name]`: check, begin and cancel."""
@@ -253,10 +246,17 @@ def replay(
 
 
 def _deliver(bag: BagReader, topic: str, data: bytes, wanted: Subscription) -> None:
-    if not wanted.raw and is_compressed(bag, topic, wanted.kind):
-        deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
-    else:
+    """Hand on a message; an image that is compressed and damaged counts as refused, as it would live."""
+    if wanted.raw or not is_compressed(bag, topic, wanted.kind):
         wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
+        return
+    packed = bag.decode(topic, data, CompressedImage)
+    try:
+        image = decompress(packed)
+    except ValueError as error:
+        wanted.refuse(one_line(error))
+    else:
+        wanted.deliver(image)
 
 
 def find_lead(bag: BagReader, topics: Collection[str]) -> int:
@@ -279,16 +279,6 @@ def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:
 def is_compressed(bag: BagReader, topic: str, kind: type[Any]) -> bool:
     """Whether images are wanted from a topic where the bag has compressed ones."""
     return kind is Image and bag.topics[topic].type == type_name(CompressedImage)
-
-
-def deliver_decompressed(wanted: Subscription, message: CompressedImage) -> None:
-    """Hand on the Image behind a compressed one; one that is damaged counts as refused, as it would live."""
-    try:
-        image = decompress(message)
-    except ValueError as error:
-        wanted.refuse(one_line(error))
-        return
-    wanted.deliver(image)
 
 
 def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> Iterator[Recorded]:

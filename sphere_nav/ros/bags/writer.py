@@ -89,11 +89,6 @@ class BagWriter:
         details = {"offered_qos_profiles": qos.profiles_to_yaml(offers), "topic_type_hash": info.hash}
         self._channels[name] = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
 
-    def type_of(self, topic: str) -> str:
-        """Return the type of a topic that was declared, else an empty string."""
-        entry = self._topics.get(absolute(topic))
-        return entry.type if entry else ""
-
     def write(self, topic: str, message: Any, stamp: int) -> None:
         """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
         self.add_topic(topic, type(message))

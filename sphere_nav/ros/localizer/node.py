@@ -142,7 +142,7 @@ class LocalizerNode(ManagedNode):
             self.use_given(self.given)
         estimate = self.localize(picture)
         milliseconds = (time.perf_counter() - started) * 1e3
-        status = self.add_fault(self.add_overrun(replace(estimate.status, milliseconds=milliseconds)))
+        status = self.add_doubts(replace(estimate.status, milliseconds=milliseconds))
         if status.reason == Reason.BAD_STAMP:
             self.tell_refused(status, Verdict(Reason.BAD_STAMP, status.value, status.limit))
             return
@@ -165,24 +165,21 @@ class LocalizerNode(ManagedNode):
         self.refusal = finding
         self.outputs.tell(self.find_silence() or status, **self.values())
 
-    def add_overrun(self, status: Status) -> Status:
-        """Say so where many images are lost before they can be answered, and nothing worse is wrong."""
+    def add_doubts(self, status: Status) -> Status:
+        """Say so where many images are lost before they can be answered, or one of several cameras delivers nothing.
+
+        Where something worse is wrong, that is said.
+        """
         num_lost = self.intake.num_lost
         self.losses.append(num_lost - self.num_lost)
         self.num_lost = num_lost
         share = sum(self.losses) / (sum(self.losses) + len(self.losses))
-        if share <= MAX_LOST_SHARE or status.reason:
+        overrun = Verdict(Reason.OVERRUN, share, MAX_LOST_SHARE, "share of images lost in queue or network")
+        doubt = overrun if share > MAX_LOST_SHARE else self.intake.fault
+        if status.reason or doubt.reason is Reason.NONE:
             return status
-        remedy = f"share of images lost in queue or network; {INPUT_REMEDIES[Reason.OVERRUN]}"
-        return replace(status, reason=Reason.OVERRUN, value=share, limit=MAX_LOST_SHARE, remedy=remedy)
-
-    def add_fault(self, status: Status) -> Status:
-        """Say so where one of several cameras delivers nothing, and nothing worse is wrong."""
-        fault = self.intake.fault
-        if status.reason or fault.reason is Reason.NONE:
-            return status
-        remedy = fault.remedy(INPUT_REMEDIES)
-        return replace(status, reason=str(fault.reason), value=fault.value, limit=fault.limit, remedy=remedy)
+        remedy = doubt.remedy(INPUT_REMEDIES)
+        return replace(status, reason=str(doubt.reason), value=doubt.value, limit=doubt.limit, remedy=remedy)
 
     def values(self) -> dict[str, float]:
         """Return more numbers for the diagnostics."""

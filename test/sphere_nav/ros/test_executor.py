@@ -121,7 +121,7 @@ def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_servic
         numbers.publish(Int32(data=number))
     bare.until(lambda: heard)
     assert heard == [2]
-    assert "subscription /number: 'utf-8' codec" in executor.last_failure
+    assert "subscription /number: 'utf-8' codec" in executor.failures.last_failure
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loo
     broken += [1] * 2 * MAX_WAITS
     executor.spin_until(Future())
     assert len(broken) == MAX_WAITS
-    assert executor.last_failure.startswith("waiting for messages: RuntimeError: no wait set")
+    assert executor.failures.last_failure.startswith("waiting for messages: RuntimeError: no wait set")
 
 
 # --- what the diagnostics make of it
@@ -221,7 +221,7 @@ def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
     answer = desk.ask(SetParametersAtomically, "set_parameters_atomically", request)
     assert (answer.result.successful, str(kind) in answer.result.reason) == (False, True)
     assert desk.works(kind)
-    assert (desk.shell.node.params.gain, desk.executor.num_failed) == (2.5, 2)
+    assert (desk.shell.node.params.gain, desk.executor.failures.num_failed) == (2.5, 2)
 
 
 def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
@@ -263,4 +263,4 @@ def test_a_latched_message_that_cannot_be_used_does_not_undo_the_start(make_desk
     desk.shell.trigger_activate()
     assert desk.works(1)
     assert desk.shell.node.latched == [4]
-    assert desk.executor.last_failure.startswith("subscription latched: OverflowError: 4")
+    assert desk.executor.failures.last_failure.startswith("subscription latched: OverflowError: 4")
