@@ -29,7 +29,6 @@ class RegistrationParams:
     max_iterations_coarse: int = 20  # iterations at the coarser levels
     max_iterations_fine: int = 8  # iterations at the finest level
     min_step: float = 0.02  # px, image motion of an increment below which a level is done
-    illumination: bool = True  # estimate a gain and a bias for each reference with the pose
     far: float = 1e4  # m, range given to what is known to be far
     surface_ratio: float = 1.1  # ranges within this ratio in a 2 x 2 block are one surface
     min_overlap: float = 0.1  # share of the current image below which a result is refused

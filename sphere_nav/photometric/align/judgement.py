@@ -83,14 +83,14 @@ def classify(
     )
 
 
-def normal_matrix(found: Sequence[ViewComparison], *, has_light: bool) -> Array:
+def normal_matrix(found: Sequence[ViewComparison]) -> Array:
     """Return H over (xi, gain 1, bias 1, ...) of the compared views together (M15 eq. 19, 31)."""
-    n = 6 + 2 * len(found) if has_light else 6
+    n = 6 + 2 * len(found)
     H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
     for index, view in enumerate(found):
         kernels.unpack_sums(view.pieces.sum(axis=0), h, q)
         kernels.to_camera_tangent(view.T_camera_reference, h, q)
-        kernels.join_view(index, h, q, view.sigma, has_light, H, g)
+        kernels.join_view(index, h, q, view.sigma, H, g)
     return H
 
 
@@ -106,8 +106,7 @@ def _covariance(H: Array, known: Array) -> tuple[Array, float]:
     Light is eliminated: what it could explain is not known of the pose.
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
-    marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
-    return inverse_and_condition(marginal + known)
+    return inverse_and_condition(pose - cross @ np.linalg.solve(light, cross.T) + known)
 
 
 def _correlation(found: Sequence[ViewComparison], state: AlignmentState) -> float:

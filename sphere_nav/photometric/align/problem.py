@@ -130,13 +130,12 @@ class Problem:
     def compare(self, state: AlignmentState) -> list[ViewComparison]:
         """Compare the image with every view at a state, each pixel once more."""
         T_camera_world, (facts, pieces) = state.T_world_camera.inverse(), _room()
-        robust = self.params.huber, self.params.min_sigma
         for index, (selection, T_world_reference) in enumerate(
             zip(self.selections, self.T_world_reference, strict=True)
         ):
             T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
             light = state.light[index].tolist()
-            kernels.examine(selection.blocks, T, *self._image, *light, *robust, facts[index], pieces[index])
+            kernels.examine(selection.blocks, T, *self._image, *light, *self._robust, facts[index], pieces[index])
         return self._comparisons(state, facts, pieces)
 
     def _comparisons(self, state: AlignmentState, facts: Array, pieces: Array) -> list[ViewComparison]:
@@ -161,8 +160,8 @@ class Problem:
         return self.kernel_camera, self.level.samples
 
     @property
-    def _robust(self) -> tuple[float, float, bool]:
-        return self.params.huber, self.params.min_sigma, self.params.illumination
+    def _robust(self) -> tuple[float, float]:
+        return self.params.huber, self.params.min_sigma
 
 
 def _room() -> tuple[Array, Array]:

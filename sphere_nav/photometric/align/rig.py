@@ -141,10 +141,8 @@ class RigProblem:
             x, is_found = newton_step(H, g, int(kernels.START))
             if not is_found:
                 return Descent(state, iteration, motion, is_determined=False)
-            light = state.light.copy()
-            if params.illumination:
-                light += x[6:].reshape(-1, 2)
-                light[:, 0] = np.clip(light[:, 0], kernels.MIN_GAIN, kernels.MAX_GAIN)
+            light = state.light + x[6:].reshape(-1, 2)
+            light[:, 0] = np.clip(light[:, 0], kernels.MIN_GAIN, kernels.MAX_GAIN)
             state = AlignmentState(state.T_world_camera @ SE3.exp(x[:6]), light)
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
@@ -171,15 +169,15 @@ class RigProblem:
             image_overlap(image.pyramid, image.views, state.T_world_camera)
             for image, state in zip(self.images, states, strict=True)
         ]
-        H = self.normal_matrix(found, has_light=params.illumination)
+        H = self.normal_matrix(found)
         known = self.expected.pull_at(descent.state.T_world_camera)[0]
         return classify(found, H, descent, iterations, float(np.mean(overlaps)), params, known)
 
-    def normal_matrix(self, found: Sequence[ViewComparison], *, has_light: bool) -> Array:
+    def normal_matrix(self, found: Sequence[ViewComparison]) -> Array:
         """Return H over (xi of the body, gain 1, bias 1, ...) of the compared views of all cameras, in their order."""
         views, systems = iter(found), []
         for image in self.images:
-            H = normal_matrix(list(islice(views, len(image.views))), has_light=has_light)
+            H = normal_matrix(list(islice(views, len(image.views))))
             systems.append((H, np.zeros(len(H))))
         return self.join(systems)[0]
 

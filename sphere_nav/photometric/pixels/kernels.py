@@ -191,25 +191,21 @@ def forget_behind_edges(range_m, pixels, share, codes):
     """
     rows, columns = range_m.shape
     unknown, keep = np.float32(np.nan), ONE - share
-    for v in range(rows):
-        row = range_m[v]
-        for u in range(columns - 1):
-            a, b = row[u], row[u + 1]
-            if a < keep * b or b < keep * a:
-                before, after = row[u - 1] if u else unknown, row[u + 2] if u + 2 < columns else unknown
-                if _is_edge(before, a, b, after, share):
-                    for off in range(pixels):
-                        codes[v, max(u - off, 0) if b < a else min(u + 1 + off, columns - 1)] = UNKNOWN
-    for v in range(rows - 1):
-        row, below = range_m[v], range_m[v + 1]
-        for u in range(columns):
-            a, b = row[u], below[u]
-            if a < keep * b or b < keep * a:
-                before = range_m[v - 1, u] if v else unknown
-                after = range_m[v + 2, u] if v + 2 < rows else unknown
-                if _is_edge(before, a, b, after, share):
-                    for off in range(pixels):
-                        codes[max(v - off, 0) if b < a else min(v + 1 + off, rows - 1), u] = UNKNOWN
+    for down in range(2):
+        right = 1 - down
+        for v in range(rows - down):
+            for u in range(columns - right):
+                a, b = range_m[v, u], range_m[v + down, u + right]
+                if a < keep * b or b < keep * a:
+                    y, x = v - down, u - right
+                    before = range_m[y, x] if y >= 0 and x >= 0 else unknown
+                    y, x = v + 2 * down, u + 2 * right
+                    after = range_m[y, x] if y < rows and x < columns else unknown
+                    if _is_edge(before, a, b, after, share):
+                        for off in range(pixels):
+                            step = -off if b < a else 1 + off
+                            y, x = v + step * down, u + step * right
+                            codes[min(max(y, 0), rows - 1), min(max(x, 0), columns - 1)] = UNKNOWN
 
 
 SQUARE = 16  # px: pixels of a reference are kept square by square, `SIDE` of them

@@ -148,18 +148,17 @@ def advance_gradient(sums, T, xi):
 
 
 @njit(**OPTIONS)
-def join_view(view, h, q, sigma, has_light, H, g):
+def join_view(view, h, q, sigma, H, g):
     """Add one view's H (8, 8) and g (8,) to the system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (eq. 19, 31).
 
     Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference with
     much occlusion steadies the result without biasing it.
     """
     f = 1.0 / sigma**2
-    n = NUM_COLUMNS if has_light else 6
-    for a in range(n):
+    for a in range(NUM_COLUMNS):
         i = a if a < 6 else a + 2 * view
         g[i] += f * q[a]
-        for b in range(n):
+        for b in range(NUM_COLUMNS):
             j = b if b < 6 else b + 2 * view
             H[i, j] += f * h[a, b]
         if a >= 6:
@@ -230,8 +229,7 @@ def linearize(blocks, num_views, T_world_reference, camera, image, T_world_camer
 
     facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
     """
-    huber, min_sigma, has_light = robust
-    n = 6 + 2 * num_views if has_light else 6
+    (huber, min_sigma), n = robust, 6 + 2 * num_views
     H, g = np.zeros((n, n)), np.zeros(n)
     h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
     T_camera_world = invert(T_world_camera)
@@ -247,7 +245,7 @@ def linearize(blocks, num_views, T_world_reference, camera, image, T_world_camer
         visible += facts[v, NUM_VISIBLE]
         unpack_sums(sums, h, q)
         to_camera_tangent(T, h, q)
-        join_view(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
+        join_view(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), H, g)
     return H, g, visible
 
 
@@ -270,7 +268,7 @@ def descend(
 ):
     """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
 
-    robust is (Huber bound, smallest sigma, whether light is estimated), expected as of `add_expectation`, stop
+    robust is (Huber bound, smallest sigma), expected as of `add_expectation`, stop
     (smallest increment in pixels, pixels per radian, depth in m, fewest visible pixels). A pure rotation (eq. 20)
     leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the image
     determined it; facts and pieces are those of the last pass, the gradients those after its increment.
@@ -295,18 +293,16 @@ def descend(
         for i in range(3):
             for j in range(4):
                 before[i, j], T_world_camera[i, j] = T_world_camera[i, j], pose[i, j]
-        if robust[2]:
-            for v in range(num_views):
-                light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
-                light[v, 1] += x[7 - first + 2 * v]
+        for v in range(num_views):
+            light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
+            light[v, 1] += x[7 - first + 2 * v]
         iteration += 1
         parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
         motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
         if motion < min_step:
             T_camera_world = invert(before)
             for v in range(num_views):
-                if robust[2]:
-                    xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
+                xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
                 for p in range(int(facts[v, NUM_CUT])):
                     advance_gradient(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
             break

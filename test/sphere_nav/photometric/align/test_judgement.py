@@ -23,7 +23,7 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
     descent = Descent(AlignmentState.start(T_BODY_OPTICAL, 1), 5, motion, True)
     found = problem.compare(descent.state)
-    return classify(found, normal_matrix(found, has_light=True), descent, 5, overlap, params)
+    return classify(found, normal_matrix(found), descent, 5, overlap, params)
 
 
 def test_a_good_end_is_good_and_its_correlation_that_of_the_pixels(room):
@@ -57,7 +57,7 @@ def test_every_cause_has_its_name_and_an_increment_of_25_smallest_ones_is_no_con
 WIDE = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)
 # Turned about the view: pixels are met between the others, where interpolation takes no side.
 TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
-ONE_LEVEL = RegistrationParams(pyramid=PyramidParams(num_levels=1), illumination=False)
+ONE_LEVEL = RegistrationParams(pyramid=PyramidParams(num_levels=1))
 
 
 def measured(room, noise) -> float:

@@ -103,8 +103,7 @@ def test_examine_compares_all_pixels_in_pieces(rng):
     np.testing.assert_allclose(facts[0, kernels.SUM_REFERENCE :], sums, rtol=2e-3)
 
 
-@pytest.mark.parametrize("has_light", [True, False])
-def test_linearize_joins_the_views_by_their_variances(rng, has_light):
+def test_linearize_joins_the_views_by_their_variances(rng):
     cases, (facts, pieces) = [Case(rng, CAMERA), Case(rng, CAMERA, number=2000)], room()
     cases[1].level = cases[0].level  # one image, two references
     cases[1].image = cases[0].image
@@ -114,17 +113,15 @@ def test_linearize_joins_the_views_by_their_variances(rng, has_light):
     empty = np.zeros(0, np.float32)
     blocks = (*(case.blocks for case in cases), *[empty] * (kernels.MAX_VIEWS - 2))
     image = kernel_camera(CAMERA), cases[0].level.samples
-    robust = HUBER, MIN_SIGMA, has_light
+    robust = HUBER, MIN_SIGMA
     args = T_world_reference, *image, rows_of(T_world_camera), light, robust, facts, pieces
     H, g, visible = kernels.linearize(blocks, 2, *args)
-    n = 10 if has_light else 6
-    expected, expected_g, number = np.zeros((n, n)), np.zeros(n), 0
+    expected, expected_g, number = np.zeros((10, 10)), np.zeros(10), 0
     for k, case in enumerate(cases):
         products, sigma, count, _, _ = whole_of(case, *light[k])
-        A = np.zeros((8, n))
+        A = np.zeros((8, 10))
         A[:6, :6] = -case.T.inverse().adjoint()
-        if has_light:
-            A[6:, 6 + 2 * k : 8 + 2 * k] = np.eye(2)
+        A[6:, 6 + 2 * k : 8 + 2 * k] = np.eye(2)
         expected += A.T @ products[:8, :8] @ A / sigma**2
         expected_g += A.T @ products[:8, 8] / sigma**2
         number += count
