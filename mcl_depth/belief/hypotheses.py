@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.constants import CLUSTER_M, MAX_HYPOTHESES, MAX_LINEAGE, NUM_TURNS
@@ -95,17 +96,9 @@ def _labels(poses: Array) -> NDArray[np.int64]:
     turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * NUM_TURNS).astype(np.int64) % NUM_TURNS
     cells = np.floor(poses[:, :2] / CLUSTER_M).astype(np.int64)
     bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
-    number = {tuple(key): index for index, key in enumerate(bins.tolist())}
-    pairs = [
-        (index, other)
-        for (x, y, k), index in number.items()
-        for dx in (-1, 0, 1)
-        for dy in (-1, 0, 1)
-        for dk in (-1, 0, 1)
-        if (other := number.get((x + dx, y + dy, (k + dk) % NUM_TURNS))) is not None
-    ]
-    rows, columns = np.array(pairs).T
-    links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(len(bins), len(bins)))
+    around = cKDTree(bins, boxsize=[0.0, 0.0, NUM_TURNS])  # headings wrap around
+    rows, columns = around.query_pairs(1.5, np.inf, output_type="ndarray").T
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(bins), len(bins)))
     return connected_components(links, directed=False)[1][bin_of.ravel()].astype(np.int64)
 
 

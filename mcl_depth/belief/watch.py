@@ -60,10 +60,9 @@ class CusumTest:
 
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
-        value = min(value, MAX_EXCESS)
-        step = float(np.clip(log_ratio_of(value, self._mean, self._variance), -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))
+        step = log_ratio_of(value, self._mean, self._variance)
         if step < 0.0:
-            off = value - self._mean
+            off = min(value, MAX_EXCESS) - self._mean
             self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
             self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
         self.log_ratio = max(self.log_ratio + step, 0.0)
@@ -86,8 +85,7 @@ class WaldTest:
 
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
-        step = log_ratio_of(min(value, MAX_EXCESS), FIRST_MEAN, FIRST_SIGMA**2)
-        self._log_ratio += NEWS * float(np.clip(step, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))
+        self._log_ratio += NEWS * log_ratio_of(value, FIRST_MEAN, FIRST_SIGMA**2)
 
     @property
     def p_chance(self) -> float:
@@ -100,5 +98,6 @@ class WaldTest:
 
 
 def log_ratio_of(value: float, mean: float, variance: float) -> float:
-    """Return log N(value; 0, variance) - log N(value; mean, variance)."""
-    return 0.5 * mean * (mean - 2.0 * value) / variance
+    """Return log N(value; 0, variance) - log N(value; mean, variance), within `MAX_LOG_RATIO_STEP`."""
+    ratio = 0.5 * mean * (mean - 2.0 * min(value, MAX_EXCESS)) / variance
+    return float(np.clip(ratio, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))

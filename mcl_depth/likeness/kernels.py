@@ -121,32 +121,41 @@ def normalize_contrast(image, k, min_sigma):
 
 
 @njit(**OPTIONS)
-def _sobel(image, gx, gy):
-    """Write horizontal and vertical Sobel sums of image (H, W); the outer rows repeat, the columns wrap."""
+def _around(image):
+    """Return an image (H, W) with a pixel more on each side (H + 2, W + 2): the outer rows repeat, the columns wrap."""
     H, W = image.shape
-    two = np.float32(2.0)
-    for y in range(H):
-        a, b, c = image[max(y - 1, 0)], image[y], image[min(y + 1, H - 1)]
-        for x in range(1, W - 1):
-            gx[y, x] = a[x + 1] - a[x - 1] + two * (b[x + 1] - b[x - 1]) + c[x + 1] - c[x - 1]
-            gy[y, x] = c[x - 1] - a[x - 1] + two * (c[x] - a[x]) + c[x + 1] - a[x + 1]
-        for x in (0, W - 1):
-            p, q = x - 1 if x > 0 else W - 1, x + 1 if x < W - 1 else 0
-            gx[y, x] = a[q] - a[p] + two * (b[q] - b[p]) + c[q] - c[p]
-            gy[y, x] = c[p] - a[p] + two * (c[x] - a[x]) + c[q] - a[q]
+    wide = np.empty((H + 2, W + 2), image.dtype)
+    for y in range(H + 2):
+        source, row = image[min(max(y - 1, 0), H - 1)], wide[y]
+        row[0], row[W + 1] = source[W - 1], source[0]
+        for x in range(W):
+            row[x + 1] = source[x]
+    return wide
 
 
 @njit(**OPTIONS)
-def _to_unit(x, y, magnitude):
-    """Turn gradients x, y (H, W) into directions in place, write magnitudes, which sum to 1."""
+def _sobel(image, gx, gy):
+    """Write horizontal and vertical Sobel sums of image (H, W)."""
+    H, W = image.shape
+    wide, two = _around(image), np.float32(2.0)
+    for y in range(H):
+        a, b, c = wide[y], wide[y + 1], wide[y + 2]
+        for x in range(W):
+            gx[y, x] = a[x + 2] - a[x] + two * (b[x + 2] - b[x]) + c[x + 2] - c[x]
+            gy[y, x] = c[x] - a[x] + two * (c[x + 1] - a[x + 1]) + c[x + 2] - a[x + 2]
+
+
+@njit(**OPTIONS)
+def _to_unit(mask, x, y, magnitude):
+    """Turn gradients x, y (H, W) into directions in place, 0 outside mask, write magnitudes, which sum to 1."""
     total = 0.0
     H, W = x.shape
     for v in range(H):
         part = np.float32(0.0)
         for u in range(W):
             m = math.sqrt(x[v, u] * x[v, u] + y[v, u] * y[v, u])
-            inverse = np.float32(1.0) / m if m > MIN_GRADIENT else np.float32(0.0)
-            m = m if m > MIN_GRADIENT else np.float32(0.0)
+            m = m if (m > MIN_GRADIENT) & mask[v, u] else np.float32(0.0)
+            inverse = np.float32(1.0) / m if m > 0 else np.float32(0.0)
             x[v, u] *= inverse
             y[v, u] *= inverse
             magnitude[v, u] = m
@@ -163,25 +172,13 @@ def _to_unit(x, y, magnitude):
 def _inner(mask):
     """Return which pixels (H, W) have all 3 x 3 around them in mask (H, W); what is above and below counts."""
     H, W = mask.shape
-    inner = np.empty((H, W), np.bool_)
+    wide, inner = _around(mask), np.ones((H, W), np.bool_)
     for y in range(H):
-        for x in range(W):
-            whole = True
-            for row in range(max(y - 1, 0), min(y + 1, H - 1) + 1):
-                for column in range(x - 1, x + 2):
-                    c = column + W if column < 0 else column - W if column >= W else column
-                    whole = whole and mask[row, c]
-            inner[y, x] = whole
+        for i in range(3):
+            row = wide[y + i]
+            for x in range(W):
+                inner[y, x] &= row[x] & row[x + 1] & row[x + 2]
     return inner
-
-
-@njit(**OPTIONS)
-def _clear_outside(mask, gx, gy):
-    """Set gradients (H, W) to 0 outside mask (H, W)."""
-    for y in range(len(mask)):
-        for x in range(mask.shape[1]):
-            if not mask[y, x]:
-                gx[y, x], gy[y, x] = np.float32(0.0), np.float32(0.0)
 
 
 @njit(**OPTIONS)
@@ -191,8 +188,7 @@ def visual_gradients(gray, seen):
     inner = _inner(seen)
     gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
     _sobel(gray, gx, gy)
-    _clear_outside(inner, gx, gy)
-    _to_unit(gx, gy, magnitude)
+    _to_unit(inner, gx, gy, magnitude)
     return gx, gy, magnitude, inner
 
 
@@ -226,9 +222,7 @@ def depth_gradients(range_m, sky_far, measured_only, far, k, min_sigma):
     image = normalize_contrast(image, k, min_sigma)
     gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
     _sobel(image, gx, gy)
-    if measured_only:
-        _clear_outside(measured, gx, gy)
-    _to_unit(gx, gy, magnitude)
+    _to_unit(measured, gx, gy, magnitude)
     return gx, gy, magnitude
 
 

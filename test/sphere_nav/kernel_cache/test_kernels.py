@@ -30,7 +30,7 @@ from mcl_depth.likeness import kernels
 
 grey = np.random.default_rng(0).uniform(0.0, 255.0, (64, 360)).astype(np.float32)
 if sys.argv[1:]:
-    kernels._to_unit(grey.copy(), grey[::-1].copy(), np.empty_like(grey))  # one that the other calls
+    kernels._to_unit(grey > 0, grey.copy(), grey[::-1].copy(), np.empty_like(grey))  # one that the other calls
 found = kernels.visual_gradients(grey, np.ones(grey.shape, np.bool_))
 print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in found))
 """
