@@ -17,7 +17,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
 from sphere_mapping.graph.tracking import SphereTracker, Unroll, is_followed
 from sphere_mapping.graph.verification import Run
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -52,7 +52,7 @@ class Mapper:
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
         """Map one sphere; `odometry` is its T_odom_sphere; `unroll` makes that of a rolling shutter by its velocity."""
-        current = PreparedSphere(sphere, REGISTRATION)
+        current = PreparedSphere(sphere)
         if self._tracker.last is None:
             return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST, unroll)
         if self._unroll_newest is not None:

@@ -22,7 +22,6 @@ from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.graph.both_ways import find_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
@@ -126,7 +125,7 @@ def measure_bends(streets: Sequence[Street], report: Report, num_variants: int) 
 
 def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: int) -> None:
     """Count first motions that are proven between images that share nothing, and wrong ones among those that do."""
-    prepared = [[PreparedSphere(sphere, REGISTRATION) for sphere in spheres] for spheres, _ in streets]
+    prepared = [[PreparedSphere(sphere) for sphere in spheres] for spheres, _ in streets]
     rng = np.random.default_rng(seed)
     strangers = [
         (one, other)
@@ -137,12 +136,12 @@ def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: 
         if a != b or j - i > APART_M / STEP_M
     ]
     chosen = [strangers[index] for index in rng.permutation(len(strangers))[: number**2].tolist()]
-    false = sum(find_motion(one, other, REGISTRATION) is not None for one, other in chosen)
+    false = sum(find_motion(one, other) is not None for one, other in chosen)
     pairs, num_proven, num_wrong = number * len(streets), 0, 0
     for (_, poses), spheres in zip(streets, prepared, strict=True):
         for _ in range(number):
             i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
-            proven = find_motion(spheres[i], spheres[i + step], REGISTRATION)
+            proven = find_motion(spheres[i], spheres[i + step])
             if proven is not None:
                 truth = poses[i].inverse() @ poses[i + step]
                 num_proven += 1

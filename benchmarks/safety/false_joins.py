@@ -25,7 +25,6 @@ from cycab_sim.world.town import draw_plan
 from cycab_sim.world.worlds import World, build_world
 from sphere_mapping.experiences.joining import join_drive
 from sphere_mapping.graph.extension import Submap
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -105,7 +104,7 @@ def _try(
     if given is not None:
         begin = T.inverse() @ drive.graph[100].T_map_sphere if is_same else base.graph[0].T_map_sphere
         start = begin @ given(rng)
-    joined = join_drive(base, drive, images_of(drive), MapperParams(), start)
+    joined = join_drive(base, drive, images_of(drive), start)
     if joined.graph is None:
         return np.inf, joined.told
     truth = [T.inverse() @ node.T_map_sphere for node in drive.graph]

@@ -37,7 +37,6 @@ from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_cl
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import away
 from sphere_mapping.graph.verification import Run
-from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Floats
@@ -129,13 +128,12 @@ def join_drive(
     base: Submap,
     drive: Submap,
     images: Sequence[DriveSphere],
-    params: MapperParams,
     T_map_start: SE3 | None = None,
     run: Run = map,
 ) -> Joined:
     """Join a drive to a map; `T_map_start` is where its first sphere was, as somebody says, to half a meter."""
     load_base = cache(lambda sphere_id: RangeImage.from_sphere(base.load(sphere_id)))
-    first = find_first(base, drive, images, params, T_map_start, run, load_base)
+    first = find_first(base, drive, images, T_map_start, run, load_base)
     if not first.edges:
         first = search_by_ranges(base.graph, drive, load_base, first.told)
     told, is_confirmed = first.told, False
@@ -154,14 +152,13 @@ def join_drive(
         rival_m = find_rival(find_places(base.graph, joined, images, load_base), load_base)
         if rival_m > 0.0:
             return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away")
-    return Joined(join_closely(base, drive, joined, params, run), told)
+    return Joined(join_closely(base, drive, joined, run), told)
 
 
 def find_first(
     base: Submap,
     drive: Submap,
     images: Sequence[DriveSphere],
-    params: MapperParams,
     T_map_start: SE3 | None,
     run: Run,
     load_base: Callable[[int], RangeImage],
@@ -172,26 +169,26 @@ def find_first(
     if located:
         first = First(located, told)
         is_partly = len(located) < MIN_LOCATED_SHARE * len(drive.graph)
-        return (confirm_by_parts(base, drive, first, params) or first) if is_partly else first
+        return (confirm_by_parts(base, drive, first) or first) if is_partly else first
     if T_map_start is not None:
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
         start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
         given = First([start], f"{told}; a start was given", is_certain=False, is_given=True)
-        return confirm_by_parts(base, drive, given, params) or given
-    joins = find_joins(base, drive, params, run)
+        return confirm_by_parts(base, drive, given) or given
+    joins = find_joins(base, drive, run)
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
     load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
-    found = search_by_parts(base, drive, REGISTRATION, lambda a, b: guess_headings(load_base(a), load_drive(b)))
+    found = search_by_parts(base, drive, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
-    return (confirm_by_parts(base, drive, searched, params) or searched) if found else searched
+    return (confirm_by_parts(base, drive, searched) or searched) if found else searched
 
 
-def confirm_by_parts(base: Submap, drive: Submap, first: First, params: MapperParams) -> First | None:
+def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First | None:
     """Return joins by parts of the images from where the drive is thought to be, beside certain ones; None of none."""
     joined = join_graphs(base.graph, drive.graph, first.edges)
-    found = refine_by_parts(base, drive, joined, REGISTRATION)
+    found = refine_by_parts(base, drive, joined)
     told = f"{first.told}; parts of the images agree at {len(found)} of {len(drive.graph)} key spheres"
     edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found]) if found else []
     return First(edges, told) if edges else None

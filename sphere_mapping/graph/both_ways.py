@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sphere_mapping.constants import (
     EDGE_FLOOR,
     MAX_FROM_FEATURES,
@@ -21,15 +19,15 @@ from sphere_mapping.constants import (
     MIN_PAIR_OVERLAP,
 )
 from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.photometric.align.alignment import GOOD
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
-from sphere_nav.spheres.constants import EDGE_SHARE, MAX_GAP, MAX_GAP_SHARE
 from sphere_nav.spheres.graph import Edge
+from sphere_nav.spheres.range_alignment import is_apart, meet
 
 ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; features agree on another motion
 
@@ -54,18 +52,16 @@ class MeasuredMotion(TwoWayMotion):
     back: Alignment
 
 
-def measure_motion(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams
-) -> MeasuredMotion | None:
+def measure_motion(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> MeasuredMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are good and agree.
 
     The way back begins where the first one did, not where it ended: a common wrong valley is no agreement.
     """
-    motion = _measure(a, b, T_a_b, T_a_b.inverse(), params)
+    motion = _measure(a, b, T_a_b, T_a_b.inverse())
     return motion if motion is not None and not is_denied(motion.T_a_b, find_pose(b.features, a.features)) else None
 
 
-def find_motion(a: PreparedSphere, b: PreparedSphere, params: RegistrationParams) -> MeasuredMotion | None:
+def find_motion(a: PreparedSphere, b: PreparedSphere) -> MeasuredMotion | None:
     """Return the motion between two spheres of which nothing is known, however far they are; None unless it is proven.
 
     Features with the ranges of A give the first guess of the one way, those with the ranges of B that of the other: no
@@ -80,7 +76,7 @@ def find_motion(a: PreparedSphere, b: PreparedSphere, params: RegistrationParams
     best = max(ways, key=lambda one: one.num_inliers).T_sphere_camera
     starts = [(ways[0].T_sphere_camera, ways[1].T_sphere_camera)] if len(ways) == 2 else []
     for there, back in [*starts, (best, best)]:
-        motion = _measure(a, b, there, back.inverse(), params)
+        motion = _measure(a, b, there, back.inverse())
         if motion is not None:
             return None if any(is_denied(motion.T_a_b, one) for one in ways) else motion
     return None
@@ -91,14 +87,12 @@ def match_motion(a: PreparedSphere, b: PreparedSphere) -> FeaturePose | None:
     return find_pose(b.fine_features, a.fine_features)
 
 
-def _measure(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3, params: RegistrationParams
-) -> MeasuredMotion | None:
+def _measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3) -> MeasuredMotion | None:
     """Return what alignments from two first guesses agree on; None unless both are good."""
-    forward = register(b.pyramid, [a.at(SE3.identity())], T_a_b, params)
+    forward = register(b.pyramid, [a.at(SE3.identity())], T_a_b, REGISTRATION)
     if not is_good(forward, a):
         return None
-    back = register(a.pyramid, [b.at(SE3.identity())], T_b_a, params)
+    back = register(a.pyramid, [b.at(SE3.identity())], T_b_a, REGISTRATION)
     return agree(forward, back) if is_good(back, b) else None
 
 
@@ -110,24 +104,20 @@ def is_denied(T_a_b: SE3, seen: FeaturePose | None) -> bool:
     return bool(distance > MAX_FROM_FEATURES[0] or angle > MAX_FROM_FEATURES[1])
 
 
-def confirm(
-    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: RegistrationParams
-) -> MeasuredMotion | None:
+def confirm(a: PreparedSphere, b: PreparedSphere, forward: Alignment) -> MeasuredMotion | None:
     """Return the motion that an alignment of `b` in the frame of `a` measured, if the way back from there agrees."""
-    back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), params)
+    back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), REGISTRATION)
     return agree(forward, back) if back.is_converged and back.ncc >= MIN_NCC else None
 
 
-def why_denied(
-    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: RegistrationParams, *, is_expected: bool
-) -> str:
+def why_denied(a: PreparedSphere, b: PreparedSphere, forward: Alignment, *, is_expected: bool) -> str:
     """Return why an alignment of `b` in the frame of `a` is not believed, or `GOOD`; an expected one by the way back.
 
     Of a sphere without range there is no way back. One that nothing foretold is held against features, too.
     """
     T_a_b = forward.T_world_camera
     if b.sphere.measured.any():
-        motion = confirm(a, b, forward, params)
+        motion = confirm(a, b, forward)
         if motion is None:
             return ONE_WAY
         T_a_b = motion.T_a_b
@@ -136,22 +126,12 @@ def why_denied(
 
 def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
     """Return the motion between both results, None where they are too far apart."""
-    gap = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
-    limit_m = MAX_GAP[0] + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-    if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP[1]:
+    T_there, T_back = forward.T_world_camera, back.T_world_camera
+    if is_apart(T_there, T_back):
         return None
-    T_a_b = forward.T_world_camera @ SE3.exp(-0.5 * (back.T_world_camera @ forward.T_world_camera).log())
-    return MeasuredMotion(T_a_b, two_way_covariance(forward, back, T_a_b), forward, back)
-
-
-def two_way_covariance(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
-    """Return the covariance (6, 6): of both fits, of how far they disagree, and of what both share."""
-    adjoint = T_a_b.inverse().adjoint()
+    adjoint = T_there.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)
-    gap = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
-    floor = np.repeat([EDGE_FLOOR[0] + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), EDGE_FLOOR[1]], 3)
-    sideways = np.repeat([np.sum(gap[:3] ** 2) / 3, np.sum(gap[3:] ** 2) / 3], 3)
-    return np.asarray(fits + np.diag(floor**2 + sideways))
+    return MeasuredMotion(*meet(T_there, T_back, fits, EDGE_FLOOR), forward, back)
 
 
 def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:

@@ -21,7 +21,6 @@ from sphere_mapping.constants import (
 from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
-from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -53,12 +52,12 @@ class Joins:
         )
 
 
-def find_joins(base: Submap, drive: Submap, params: MapperParams, run: Run = map) -> Joins:
+def find_joins(base: Submap, drive: Submap, run: Run = map) -> Joins:
     """Return the places that a drive has in common with a map, none where too few agree on where the drive is."""
     nodes = list(drive.graph)
     found = list(run(find_candidates, (_lookup(base.index, drive.index, node.id) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
-    trials = (_trial(base, drive, newer, candidates, params) for newer, candidates in alike)
+    trials = (_trial(base, drive, newer, candidates) for newer, candidates in alike)
     aligned = [edge for edge in run(verify, trials) if edge is not None]
     return Joins(agreeing(base.graph, drive.graph, aligned), len(nodes), len(alike), len(aligned))
 
@@ -88,7 +87,7 @@ def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) ->
     return SphereGraph(nodes, [*base.edges, *drive.edges, *edges])
 
 
-def join_closely(base: Submap, drive: Submap, joined: SphereGraph, params: MapperParams, run: Run = map) -> SphereGraph:
+def join_closely(base: Submap, drive: Submap, joined: SphereGraph, run: Run = map) -> SphereGraph:
     """Return a joined graph with edges between key spheres of the drive and those of the map that see the same.
 
     A join by the localizer is as good as one image; what both ways of two key spheres measure is as good as the map.
@@ -97,7 +96,7 @@ def join_closely(base: Submap, drive: Submap, joined: SphereGraph, params: Mappe
     joins = [edge for edge in joined.edges if edge.a in base.graph.nodes and edge.b in drive.graph.nodes]
     is_whole = drive.load(min(drive.graph.nodes)).camera.is_whole
     pairs = seen_pairs(moved, base.graph, set(), is_whole=is_whole)
-    trials = (believed(older, newer, base.load, drive.load, REGISTRATION) for older, newer in pairs)
+    trials = (believed(older, newer, base.load, drive.load) for older, newer in pairs)
     found = [edge for edge in run(verify, trials) if edge is not None]
     return join_graphs(base.graph, drive.graph, [*joins, *found])
 
@@ -130,7 +129,7 @@ def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Look
     return Lookup(features, tuple((older, known.features[older]) for older in alike))
 
 
-def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> LoopTrial:
+def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate]) -> LoopTrial:
     best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
     older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
-    return LoopTrial(newer_id, drive.load(newer_id), older, REGISTRATION)
+    return LoopTrial(newer_id, drive.load(newer_id), older)

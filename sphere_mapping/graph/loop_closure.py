@@ -29,7 +29,7 @@ from sphere_mapping.constants import (
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import Features, features_of_sphere
@@ -70,7 +70,7 @@ class LoopCloser:
         joined |= {(loop.a, loop.b) for loop in loops}
         is_whole = self._load(ids[0]).camera.is_whole
         seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))
-        trials = (believed(older, newer, self._load, self._load, REGISTRATION) for older, newer in seen)
+        trials = (believed(older, newer, self._load, self._load) for older, newer in seen)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
     def recognize(self, graph: SphereGraph, current: PreparedSphere) -> Candidate | None:
@@ -82,7 +82,7 @@ class LoopCloser:
 
     def prepare(self, sphere_id: int) -> PreparedSphere:
         """Return a key sphere to align with."""
-        return PreparedSphere(self._load(sphere_id), REGISTRATION)
+        return PreparedSphere(self._load(sphere_id))
 
     def index_all(self, graph: SphereGraph) -> None:
         """Index what all key spheres look like."""
@@ -100,7 +100,7 @@ class LoopCloser:
 
     def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> LoopTrial:
         older = (one.older, self._load(one.older), one.T_older_newer)
-        return LoopTrial(newer_id, newer, (older,), REGISTRATION)
+        return LoopTrial(newer_id, newer, (older,))
 
 
 def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:

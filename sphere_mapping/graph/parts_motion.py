@@ -14,12 +14,13 @@ import numpy as np
 from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_CHANCE
 from sphere_mapping.graph.both_ways import TwoWayMotion
 from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.constants import EDGE_SHARE
+from sphere_nav.spheres.range_alignment import meet
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +30,12 @@ class PartsMotion(TwoWayMotion):
     chance: float
 
 
-def measure_motion_by_parts(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams
-) -> PartsMotion | None:
+def measure_motion_by_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> PartsMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are proven and are one motion."""
-    forward = align_parts(a, b, T_a_b, params)
+    forward = align_parts(a, b, T_a_b)
     if forward.chance > MAX_PARTS_CHANCE:
         return None
-    back = align_parts(b, a, T_a_b.inverse(), params)
+    back = align_parts(b, a, T_a_b.inverse())
     if back.chance > MAX_PARTS_CHANCE:
         return None
     T_there, T_back = forward.T_world_body, back.T_world_body
@@ -47,11 +46,10 @@ def measure_motion_by_parts(
     both = forward.covariance + adjoint @ back.covariance @ adjoint.T
     if squared_mahalanobis(gap, both + floor) > gate(6):
         return None
-    apart = np.repeat([np.sum(gap[:3] ** 2) / 12, np.sum(gap[3:] ** 2) / 12], 3)
-    covariance = 0.5 * both + floor + np.diag(apart)
-    return PartsMotion(T_there @ SE3.exp(-0.5 * gap), covariance, max(forward.chance, back.chance))
+    motion = meet(T_there, T_back, 0.5 * both, EDGE_FLOOR)
+    return PartsMotion(*motion, max(forward.chance, back.chance))
 
 
-def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams) -> PartsAlignment:
+def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> PartsAlignment:
     """Return T_a_b by the image of `b` and the ranges of `a`."""
-    return register_parts([RigImage(b.pyramid, views=(a.at(SE3.identity()),))], T_a_b, params)
+    return register_parts([RigImage(b.pyramid, views=(a.at(SE3.identity()),))], T_a_b, REGISTRATION)

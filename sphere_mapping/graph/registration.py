@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from sphere_mapping.constants import MIN_NCC
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import (
     Alignment,
     Pyramid,
     Reference,
-    RegistrationParams,
     View,
     build_pyramid,
     evaluate,
@@ -34,7 +34,6 @@ class PreparedSphere:
     """A sphere with what alignment needs of it, made at first use and kept."""
 
     sphere: Sphere
-    params: RegistrationParams
 
     @property
     def is_whole(self) -> bool:
@@ -45,12 +44,12 @@ class PreparedSphere:
     def pyramid(self) -> Pyramid:
         """Its image from fine to coarse, for the current side: NaN where no camera saw."""
         sphere = self.sphere
-        return build_pyramid(sphere.gray, sphere.camera, self.params.pyramid, sphere.is_seen)
+        return build_pyramid(sphere.gray, sphere.camera, REGISTRATION.pyramid, sphere.is_seen)
 
     @cached_property
     def reference(self) -> Reference:
         """Its salient pixels with range, for the reference side."""
-        return prepare_reference(self.sphere.gray, self.sphere.range_m, self.sphere.camera, self.params)
+        return prepare_reference(self.sphere.gray, self.sphere.range_m, self.sphere.camera, REGISTRATION)
 
     @cached_property
     def coverage(self) -> float:
@@ -87,7 +86,6 @@ def align_sphere(
     current: PreparedSphere,
     references: Sequence[View],
     guesses: Iterable[SE3],
-    params: RegistrationParams,
     check: Callable[[Alignment], str] = lambda _: GOOD,
 ) -> Alignment:
     """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
@@ -98,7 +96,7 @@ def align_sphere(
     """
     first: Alignment | None = None
     for T_world_sphere in guesses:
-        alignment = register(current.pyramid, references, T_world_sphere, params)
+        alignment = register(current.pyramid, references, T_world_sphere, REGISTRATION)
         if alignment.is_converged and alignment.ncc < MIN_NCC:
             alignment = replace(alignment, reason=OUTLIERS)
         if alignment.is_converged:
@@ -111,15 +109,13 @@ def align_sphere(
     return first
 
 
-def guess_by_rotation(
-    now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, params: RegistrationParams
-) -> SE3:
+def guess_by_rotation(now: PreparedSphere, before: PreparedSphere, T_world_before: SE3) -> SE3:
     """Return the guess of T_world_now by the rotation between two images alone (eq. 20)."""
     if now.sphere.camera != before.sphere.camera:
         return T_world_before
-    return T_world_before @ register_rotation(now.pyramid, before.pyramid, params)
+    return T_world_before @ register_rotation(now.pyramid, before.pyramid, REGISTRATION)
 
 
-def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
+def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3) -> Alignment:
     """Return what `align_sphere` would report at a pose without moving it: MAD, overlap, correlation."""
-    return evaluate(current.pyramid, [reference], T_world_sphere, params)
+    return evaluate(current.pyramid, [reference], T_world_sphere, REGISTRATION)

@@ -16,13 +16,12 @@ from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.alignment import GOOD
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -52,10 +51,8 @@ class SphereTracker:
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
 
         def align_expected() -> Alignment:
-            guesses, params = self._guesses(current, expected), REGISTRATION
-            return align_sphere(
-                current, references, guesses, params, lambda one: self._check(current, one, expected, graph)
-            )
+            guesses = self._guesses(current, expected)
+            return align_sphere(current, references, guesses, lambda one: self._check(current, one, expected, graph))
 
         found = align_expected() if expected.is_known else None
         if found is not None and found.is_converged:
@@ -91,7 +88,7 @@ class SphereTracker:
 
     def _prove(self, current: PreparedSphere, reference: PreparedSphere, node: KeySphere) -> Alignment | None:
         """Return the alignment of a sphere with a key sphere from no guess at all; None unless it is proven."""
-        motion = find_motion(reference, current, REGISTRATION)
+        motion = find_motion(reference, current)
         if motion is None:
             return None
         T_map_sphere = node.T_map_sphere @ motion.T_a_b
@@ -99,12 +96,12 @@ class SphereTracker:
 
     def _prove_by_parts(self, current: PreparedSphere, expected: Expectation, graph: SphereGraph) -> Alignment | None:
         """Return the alignment with the newest key sphere by parts of the images; None unless it is proven."""
-        (key_id, reference), params = self.references[0], REGISTRATION
+        key_id, reference = self.references[0]
         T_map_key = graph[key_id].T_map_sphere
-        motion = measure_motion_by_parts(reference, current, T_map_key.inverse() @ expected.T_map_sphere, params)
+        motion = measure_motion_by_parts(reference, current, T_map_key.inverse() @ expected.T_map_sphere)
         if motion is None:
             return None
-        seen = residual_at(current, reference.at(T_map_key), T_map_key @ motion.T_a_b, params)
+        seen = residual_at(current, reference.at(T_map_key), T_map_key @ motion.T_a_b)
         return replace(seen, covariance=motion.covariance, reason=GOOD)
 
     def align_moving(
@@ -113,8 +110,8 @@ class SphereTracker:
         """Return a sphere, straightened by its motion if it is of a rolling shutter, and its alignment."""
         if unroll is None:
             return current, self.align(current, odometry, graph)
-        stamp_ns, params = current.sphere.stamp_ns, REGISTRATION
-        return align_unrolled(unroll, stamp_ns, self.motion, params, lambda made: self.align(made, odometry, graph))
+        stamp_ns = current.sphere.stamp_ns
+        return align_unrolled(unroll, stamp_ns, self.motion, lambda made: self.align(made, odometry, graph))
 
     def update(
         self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None
@@ -193,13 +190,13 @@ class SphereTracker:
         Its edge is the last one that the graph was given. Where nothing confirms it the sphere stays where it was.
         """
         (key_id, _), *older = self.references
-        self.last = PreparedSphere(sphere, REGISTRATION)
+        self.last = PreparedSphere(sphere)
         self.references = [(key_id, self.last), *older]
         node, edges = replace(graph[key_id], sphere=sphere, region_radius_m=self.last.region_m), list(graph.edges)
         if older and edges:
             before_id, before = older[0]
             guess = graph[before_id].T_map_sphere.inverse() @ node.T_map_sphere
-            motion = measure_motion(before, self.last, guess, REGISTRATION)
+            motion = measure_motion(before, self.last, guess)
             if motion is not None and (edges[-1].a, edges[-1].b) == (before_id, key_id):
                 edges[-1] = motion.edge(before_id, key_id, is_loop=False)
                 T_map_sphere = graph[before_id].T_map_sphere @ motion.T_a_b
@@ -213,9 +210,8 @@ class SphereTracker:
             return None
         key_id, reference = self.references[0]
         forward = local(self._last_alignment, graph[key_id])
-        params = REGISTRATION
-        motion = confirm(reference, self.last, forward, params) or measure_motion_by_parts(
-            reference, self.last, forward.T_world_camera, params
+        motion = confirm(reference, self.last, forward) or measure_motion_by_parts(
+            reference, self.last, forward.T_world_camera
         )
         if motion is not None:
             return motion.edge(key_id, newer_id, is_loop=False)
@@ -227,7 +223,7 @@ class SphereTracker:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""
         yield expected.T_map_sphere
         if self.last is not None:
-            yield guess_by_rotation(current, self.last, self.motion.newest, REGISTRATION)
+            yield guess_by_rotation(current, self.last, self.motion.newest)
         yield self.motion.newest
 
     def _check(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
@@ -241,12 +237,12 @@ class SphereTracker:
             return GOOD
         key_id, reference = self.references[0]
         forward, is_expected = local(alignment, graph[key_id]), expected.is_known
-        return why_denied(reference, current, forward, REGISTRATION, is_expected=is_expected)
+        return why_denied(reference, current, forward, is_expected=is_expected)
 
 
 def is_followed(lost: Sphere, current: PreparedSphere) -> bool:
     """Say whether a lost sphere is one to begin with: the next one is aligned with it."""
-    return find_motion(PreparedSphere(lost, current.params), current, current.params) is not None
+    return find_motion(PreparedSphere(lost), current) is not None
 
 
 def local(alignment: Alignment, node: KeySphere) -> Alignment:
@@ -258,13 +254,12 @@ def align_unrolled(
     unroll: Unroll,
     stamp_ns: int,
     motion: DriveMotion,
-    params: RegistrationParams,
     align: Callable[[PreparedSphere], Alignment],
 ) -> tuple[PreparedSphere, Alignment]:
     """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""
     velocity = motion.velocity()
     for _ in range(MAX_PASSES):
-        current = PreparedSphere(unroll(velocity), params)
+        current = PreparedSphere(unroll(velocity))
         alignment = align(current)
         if not alignment.is_converged:
             break

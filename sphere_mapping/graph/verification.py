@@ -15,7 +15,6 @@ from sphere_mapping.constants import MIN_INLIERS
 from sphere_mapping.graph.both_ways import measure_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.appearance.pose import find_pose
 from sphere_nav.spheres.graph import Edge, KeySphere
@@ -50,19 +49,14 @@ class LoopTrial:
     newer_id: int
     newer: Sphere
     older: tuple[tuple[int, Sphere, SE3], ...]
-    params: RegistrationParams
 
 
 def believed(
-    older: KeySphere,
-    newer: KeySphere,
-    load_older: Callable[[int], Sphere],
-    load_newer: Callable[[int], Sphere],
-    params: RegistrationParams,
+    older: KeySphere, newer: KeySphere, load_older: Callable[[int], Sphere], load_newer: Callable[[int], Sphere]
 ) -> LoopTrial:
     """Return two key spheres to be aligned from where the graph has them."""
     guess = older.T_map_sphere.inverse() @ newer.T_map_sphere
-    return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),), params)
+    return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),))
 
 
 def find_candidates(lookup: Lookup) -> list[Candidate]:
@@ -77,9 +71,9 @@ def find_candidates(lookup: Lookup) -> list[Candidate]:
 
 def verify(trial: LoopTrial) -> Edge | None:
     """Return the loop edge to the first of the older spheres that dense alignment confirms, both ways."""
-    newer = PreparedSphere(trial.newer, trial.params)
+    newer = PreparedSphere(trial.newer)
     for older_id, sphere, guess in trial.older:
-        motion = measure_motion(PreparedSphere(sphere, trial.params), newer, guess, trial.params)
+        motion = measure_motion(PreparedSphere(sphere), newer, guess)
         if motion is not None:
             return motion.edge(older_id, trial.newer_id, is_loop=True)
     return None

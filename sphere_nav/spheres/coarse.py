@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import cast
 from weakref import WeakKeyDictionary
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry.cameras.spherical import MAX_LEVELS, level_cameras
 from sphere_nav.spheres.constants import MIN_COARSE_SIDE, SURFACE_RATIO
 from sphere_nav.spheres.sphere import UNSEEN, Sphere
 
@@ -24,19 +26,12 @@ def coarse_sphere(sphere: Sphere) -> Sphere:
 
 
 def _halved(sphere: Sphere) -> Sphere:
-    camera, factor = sphere.camera, 1
-    while _can_halve(camera):
-        camera, factor = camera.halve(), 2 * factor
+    cameras = level_cameras(sphere.camera, MAX_LEVELS, MIN_COARSE_SIDE)
+    camera, factor = cast(Spherical, cameras[-1]), 2 ** (len(cameras) - 1)
     height, width = camera.height * factor, camera.width * factor
     gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     image: Bytes = np.clip(np.rint(gray), UNSEEN + 1, 255).astype(np.uint8)
     return Sphere(image, nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
-
-
-def _can_halve(camera: Spherical) -> bool:
-    if camera.is_whole and (camera.width % 4 or camera.height % 2):
-        return False
-    return min(camera.width, camera.height) // 2 >= MIN_COARSE_SIDE
 
 
 def nearest_surface(range_m: Floats, factor: int) -> Floats:

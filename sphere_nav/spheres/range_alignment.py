@@ -17,6 +17,7 @@ from sphere_nav.estimation.robust import HUBER, huber_weights
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.geometry.cameras.spherical import MAX_LEVELS, level_cameras
 from sphere_nav.spheres.coarse import coarse_sphere, nearest_surface
 from sphere_nav.spheres.constants import (
     EDGE_SHARE,
@@ -71,10 +72,10 @@ class RangeImage:
     @staticmethod
     def from_depth(depth: DepthImage) -> RangeImage:
         """Return what alignment needs of a depth image; ValueError for one that is not of its camera's size."""
-        depth_m, camera, factor = depth.depth_m, depth.camera, 1
-        check_depth(depth_m, camera)
-        while min(camera.width, camera.height) // 2 >= MIN_COARSE_SIDE:
-            camera, factor = camera.halve(), 2 * factor
+        depth_m = depth.depth_m
+        check_depth(depth_m, depth.camera)
+        cameras = level_cameras(depth.camera, MAX_LEVELS, MIN_COARSE_SIDE)
+        camera, factor = cameras[-1], 2 ** (len(cameras) - 1)
         used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
         small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -210,19 +211,29 @@ def fit_both_ways(a: RangeImage, b: RangeImage, T_a_b: SE3) -> tuple[RangeFit, R
 
 def reconcile(forward: RangeFit, back: RangeFit) -> RangeFit | None:
     """Return the motion T_a_b between both ways, with what they are apart in its covariance; None: too much."""
-    gap = (back.T_a_b @ forward.T_a_b).log()  # A -> B composed with B -> A, axes of B
-    length_m = float(np.linalg.norm(forward.T_a_b.translation))
-    if np.linalg.norm(gap[:3]) > MAX_GAP[0] + MAX_GAP_SHARE * length_m or np.linalg.norm(gap[3:]) > MAX_GAP[1]:
+    if is_apart(forward.T_a_b, back.T_a_b):
         return None
-    floor = np.repeat([RANGE_EDGE_FLOOR[0] + EDGE_SHARE * length_m, RANGE_EDGE_FLOOR[1]], 3) ** 2
+    T_a_b, covariance = meet(forward.T_a_b, back.T_a_b, forward.covariance, RANGE_EDGE_FLOOR)
+    overlap, agreement = min(forward.overlap, back.overlap), min(forward.agreement, back.agreement)
+    return replace(forward, T_a_b=T_a_b, covariance=covariance, overlap=overlap, agreement=agreement)
+
+
+def is_apart(T_a_b: SE3, T_b_a: SE3) -> bool:
+    """Say whether A -> B composed with B -> A is too far from nothing for both to be one motion."""
+    gap = (T_b_a @ T_a_b).log()
+    limit_m = MAX_GAP[0] + MAX_GAP_SHARE * float(np.linalg.norm(T_a_b.translation))
+    return bool(np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP[1])
+
+
+def meet(T_a_b: SE3, T_b_a: SE3, covariance: Array, floor: tuple[float, float]) -> tuple[SE3, Array]:
+    """Return T_a_b between both ways, and its covariance: of the fits, of what both share, of how far they are apart.
+
+    floor: m, rad that both share, whatever the length of the motion.
+    """
+    gap = (T_b_a @ T_a_b).log()  # axes of B
+    shared = np.repeat([floor[0] + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), floor[1]], 3) ** 2
     apart = np.repeat([np.sum(gap[:3] ** 2) / 12, np.sum(gap[3:] ** 2) / 12], 3)
-    return replace(
-        forward,
-        T_a_b=forward.T_a_b @ SE3.exp(-0.5 * gap),
-        covariance=forward.covariance + np.diag(floor + apart),
-        overlap=min(forward.overlap, back.overlap),
-        agreement=min(forward.agreement, back.agreement),
-    )
+    return T_a_b @ SE3.exp(-0.5 * gap), covariance + np.diag(shared + apart)
 
 
 def _linearize(

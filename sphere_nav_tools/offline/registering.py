@@ -9,7 +9,7 @@ import numpy as np
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
@@ -59,22 +59,22 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
     The motion may be any: features with range give the first guess, the one given and none at all come after it. What
     the way back or features contradict is not converged.
     """
-    reference, current = (PreparedSphere(sphere, REGISTRATION) for sphere in (a, b))
+    reference, current = (PreparedSphere(sphere) for sphere in (a, b))
     view = reference.at(SE3.identity())
 
     def guesses() -> Any:
         yield T_a_b_guess
-        yield guess_by_rotation(current, reference, SE3.identity(), REGISTRATION)
+        yield guess_by_rotation(current, reference, SE3.identity())
 
     def check(forward: Alignment) -> str:
-        return why_denied(reference, current, forward, REGISTRATION, is_expected=False)
+        return why_denied(reference, current, forward, is_expected=False)
 
-    proven = find_motion(reference, current, REGISTRATION) if b.measured.any() else None
+    proven = find_motion(reference, current) if b.measured.any() else None
     if proven is not None:
         found = replace(proven.forward, T_world_camera=proven.T_a_b, covariance=proven.covariance)
     else:
-        found = align_sphere(current, [view], guesses(), REGISTRATION, check)
-    before = residual_at(current, view, T_a_b_guess, REGISTRATION)
+        found = align_sphere(current, [view], guesses(), check)
+    before = residual_at(current, view, T_a_b_guess)
     return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found, before)
 
 

@@ -10,9 +10,9 @@ from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASE
 from sphere_mapping.acquisition.kernels import recenter, stretch, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
-from sphere_mapping.acquisition.stitching.views import Layout
+from sphere_mapping.acquisition.stitching.views import Layout, axes_of
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Floats
 
 
 def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
@@ -42,7 +42,7 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Floats:
     """
     top, bottom = layouts
     apart = top.centers[top.owner] - bottom.centers[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
-    columns, (sine, cosine) = _axes(top.owner.shape)
+    columns, (sine, cosine) = axes_of(top.owner.shape)
     sine, cosine = sine[:, None], cosine[:, None]
     ahead = apart[..., 0] * columns[1] + apart[..., 1] * columns[0]
     error = (apart[..., 2] * cosine - ahead * sine) / (cosine * baseline_m)
@@ -56,7 +56,7 @@ def joined_share(layout: Layout, per_m: float) -> Floats:
     is turned up by (o . e) / D, e being p's derivative by colatitude a. So the colatitude is wrong by as much, and the
     disparity by the share o . p / D: sin(a) / disparity is too large by the horizontal part of o toward p / (D sin(a)).
     """
-    columns, rows = _axes(layout.owner.shape)
+    columns, rows = axes_of(layout.owner.shape)
     centers = layout.centers[layout.owner]
     level = centers[..., 0] * columns[1] + centers[..., 1] * columns[0]
     return np.clip(per_m * level / rows[1][:, None], -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
@@ -77,14 +77,6 @@ def to_common_center(range_m: Floats, std_m: Floats, layout: Layout, per_m: floa
     per_m: 1 over the distance for which the images were joined.
     """
     moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    axes = (axis.astype(np.float32) for axis in _axes(range_m.shape))
+    axes = (axis.astype(np.float32) for axis in axes_of(range_m.shape))
     recenter(range_m, std_m, layout.owner, layout.centers, *axes, np.float32(per_m), moved, moved_std)
     return moved, moved_std
-
-
-def _axes(shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return sine and cosine of the azimuth of each column (2, W), and of the elevation of each row (2, H)."""
-    height, width = shape
-    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
-    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
-    return np.stack([np.sin(azimuth), np.cos(azimuth)]), np.stack([np.sin(elevation), np.cos(elevation)])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CLOUD_STD_M, CONTRADICTION, MIN_KNOWN, PATCH_PX
 from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
+from sphere_mapping.acquisition.range.levels import around
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
@@ -83,7 +84,7 @@ def fill(values: Floats, known: Flags) -> Floats:
     found = np.where(weights[-1] > 0, sums[-1] / np.maximum(weights[-1], 1e-6), coarse).astype(np.float32)
     for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
         height, width = weight.shape
-        padded = cv2.copyMakeBorder(found, 0, 0, 2, 2, cv2.BORDER_WRAP)
+        padded = around(found, 2, is_whole=True)
         finer = cv2.resize(padded, (2 * padded.shape[1], height))[:, 4 : 4 + width]
         found = np.where(weight > 0, total / np.maximum(weight, np.float32(1e-6)), finer)
     return found

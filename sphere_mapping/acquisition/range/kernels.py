@@ -99,7 +99,7 @@ def sum_blocks(cost, radius, out):
     """
     height, width = cost.shape[:2]
     sums, total = np.zeros((width, NUM_HYPOTHESES), np.int16), np.zeros(NUM_HYPOTHESES, np.int16)
-    for v in range(-radius, height):
+    for v in range(-2 * radius, height):  # the rows of the first block, one after the other
         new, old = min(max(v + radius, 0), height - 1), max(v - radius - 1, 0)
         for u in range(width):
             fresh, gone, column = cost[new, u], cost[old, u], sums[u]
@@ -110,11 +110,6 @@ def sum_blocks(cost, radius, out):
                 for k in range(NUM_HYPOTHESES):
                     column[k] += np.int16(np.int16(fresh[k]) - np.int16(gone[k]))
         if v < 0:
-            for u in range(width):
-                gone, column = cost[0, u], sums[u]
-                if v == -radius:
-                    for k in range(NUM_HYPOTHESES):
-                        column[k] += np.int16(radius * np.int16(gone[k]))
             continue
         total[:] = 0
         for i in range(-radius, radius):

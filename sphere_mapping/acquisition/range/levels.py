@@ -17,18 +17,32 @@ from sphere_mapping.acquisition.constants import (
     OWN_FLOOR,
     OWN_LEVELS,
     OWN_RADIUS,
+    SMOOTH,
     UNKNOWN_PX,
     UNKNOWN_SIDE,
 )
-from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike
+from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike, smooth
 from sphere_nav.geometry.arrays import Bytes, Flags, Floats
+
+
+def around(plane: NDArray[Any], margin: int, *, is_whole: bool) -> NDArray[Any]:
+    """Return a plane with so many columns more on each side: a whole sphere goes on, the border of a part repeats."""
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    return cv2.copyMakeBorder(plane, 0, 0, margin, margin, border)
+
+
+def smooth_around(values: Floats, radius: int, *, is_whole: bool) -> Floats:
+    """Return the mean of what differs little over 2 radius + 1 rows and columns: without the stairs of whole pixels."""
+    padded = around(values, 2 * radius, is_whole=is_whole)
+    out = np.empty_like(padded)
+    smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
+    return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])
 
 
 def halve_image(image: Bytes, is_whole: bool) -> Bytes:
     """Return the image at half its size."""
     height, width = image.shape
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    half = cv2.pyrDown(cv2.copyMakeBorder(image, 0, 0, 4, 4, border))[: height // 2, 2 : 2 + width // 2]
+    half = cv2.pyrDown(around(image, 4, is_whole=is_whole))[: height // 2, 2 : 2 + width // 2]
     # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
     return np.ascontiguousarray(half)
 
@@ -74,8 +88,7 @@ def at_jumps(disparity: Floats, radius: int, *, is_whole: bool) -> Flags:
 
     What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
     """
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
+    padded = around(disparity, radius + 1, is_whole=is_whole)
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     high, low = _extremes(padded, kernel)
     slant = np.zeros_like(padded)
@@ -89,8 +102,7 @@ def at_jumps(disparity: Floats, radius: int, *, is_whole: bool) -> Flags:
 
 def spread_around(disparity: Floats, radius: int, *, is_whole: bool) -> Floats:
     """Return by how much the disparity (H, W) varies within 2 radius + 1 rows and columns; 0 where nothing is known."""
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(disparity, 0, 0, radius, radius, border)
+    padded = around(disparity, radius, is_whole=is_whole)
     high, low = _extremes(padded, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
     return np.ascontiguousarray(np.maximum(high - low, 0)[:, radius:-radius])
 
@@ -113,18 +125,18 @@ def is_borrowed(top: Bytes, bottom: Bytes, disparity: Floats, *, is_whole: bool)
     the range of what is beside them. Of the pixels that are as bright as the middle one, their steps along the columns
     are those of noise, which both images do not share. What is only a few px wide is not told: halving blurs it.
     """
-    margin, border = OWN_RADIUS, cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    margin = OWN_RADIUS
     products = np.empty((3, top.shape[0], top.shape[1] + 2 * margin), np.float32)
     compare_steps(top, bottom, disparity, margin, is_whole, products)
-    levels = cv2.copyMakeBorder(top.astype(np.float32), 0, 0, margin, margin, border)
+    levels = around(top.astype(np.float32), margin, is_whole=is_whole)
     likeness = np.empty(top.shape, np.float32)
     correlate_alike(levels, products, margin, np.float32(OWN_LEVELS), np.float32(OWN_FLOOR), likeness)
     unlike = (~np.isnan(disparity) & ~(likeness >= MIN_OWN_LIKENESS)).astype(np.uint8)
-    around = 2 * (BORROWED_PX + AROUND_BORROWED)
-    wide = cv2.copyMakeBorder(unlike, 0, 0, around, around, border)
+    reach = 2 * (BORROWED_PX + AROUND_BORROWED)
+    wide = around(unlike, reach, is_whole=is_whole)
     opened = cv2.morphologyEx(wide, cv2.MORPH_OPEN, np.ones((BORROWED_PX, BORROWED_PX), np.uint8))
     near = cv2.dilate(opened, np.ones((2 * AROUND_BORROWED + 1, 2 * AROUND_BORROWED + 1), np.uint8))
-    return (unlike | near[:, around:-around]) > 0
+    return (unlike | near[:, reach:-reach]) > 0
 
 
 def twice(plane: NDArray[Any]) -> NDArray[Any]:
@@ -134,9 +146,8 @@ def twice(plane: NDArray[Any]) -> NDArray[Any]:
 
 def at_unknown(disparity: Floats, *, is_whole: bool) -> Flags:
     """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     margin = UNKNOWN_SIDE
-    unknown = cv2.copyMakeBorder(np.isnan(disparity).astype(np.uint8), 0, 0, margin, margin, border)
+    unknown = around(np.isnan(disparity).astype(np.uint8), margin, is_whole=is_whole)
     square = np.ones((UNKNOWN_SIDE, UNKNOWN_SIDE), np.uint8)
     large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
     near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))

@@ -45,6 +45,7 @@ from sphere_mapping.acquisition.kernels import (
 )
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.levels import (
+    around,
     at_jumps,
     at_unknown,
     double,
@@ -52,6 +53,7 @@ from sphere_mapping.acquisition.range.levels import (
     halve_image,
     interpolate,
     is_borrowed,
+    smooth_around,
     usable_at,
 )
 from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_threads
@@ -166,7 +168,7 @@ def _first_at(search: Search, level: int) -> int:
 
 def _keep_sure(matched: Floats, search: Search) -> Floats:
     """Return matches without stairs, and none near jumps and unknown regions."""
-    found = _smooth_around(matched, search.is_whole)
+    found = smooth_around(matched, REFINE_RADIUS, is_whole=search.is_whole)
     near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
@@ -193,8 +195,7 @@ def refine(
     comes on top.
     """
     margin = REFINE_RADIUS * (2 * num_steps + 1)  # columns whose disparity a strip's own ones see
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (top, bottom, coarse)]
+    planes = [around(plane, margin, is_whole=is_whole) for plane in (top, bottom, coarse)]
     width = coarse.shape[1]
     length = -(-width // NUM_STRIPS)
     value, std = np.empty_like(coarse), np.empty_like(coarse)
@@ -238,11 +239,3 @@ def _smooth(disparity: Floats, spare: Floats) -> Floats:
     out = np.empty_like(disparity)
     smooth(disparity, REFINE_RADIUS, SMOOTH[0], SMOOTH[1], spare, out)
     return out
-
-
-def _smooth_around(disparity: Floats, is_whole: bool) -> Floats:
-    """Return the disparity without the stairs that whole pixels make of slanted surfaces."""
-    margin = 2 * REFINE_RADIUS
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(disparity, 0, 0, margin, margin, border)
-    return np.ascontiguousarray(_smooth(padded, np.empty_like(padded))[:, margin:-margin])

@@ -16,7 +16,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
@@ -38,8 +37,9 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
-from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.appearance.pose import choose_each_other
 
 NUM_VALUES = 6  # of a camera
 
@@ -145,7 +145,7 @@ def matches_of(
             np.radians(MAX_PARALLAX_DEG)
         )
         pairs = pair_descriptors(found[a][2], found[b][2], is_far)
-        if len(pairs[0]) >= MIN_PAIR_MATCHES:
+        if pairs.shape[1] >= MIN_PAIR_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
             matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
@@ -208,17 +208,10 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def pair_descriptors(a: Floats, b: Floats, is_far: Flags | None = None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return indices (N,) of descriptors (M, 128) that choose each other, clearly, and are not said to be too far."""
-    if min(len(a), len(b)) < 2:
-        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+def pair_descriptors(a: Floats, b: Floats, is_far: Flags | None = None) -> Integers:
+    """Return indices (2, N) of descriptors (M, 128) that choose each other, clearly, and are not said to be too far."""
     squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
-    distance = np.sqrt(np.maximum(squares, 0.0))
+    squares = np.maximum(squares, 0.0)
     if is_far is not None:
-        distance[is_far] = np.inf
-    two = np.partition(distance, 1, axis=1)[:, :2]
-    best = np.argmin(distance, axis=1)
-    is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))
-    with np.errstate(invalid="ignore"):
-        chosen = is_mutual & np.isfinite(two[:, 0]) & (two[:, 0] < MAX_RATIO * two[:, 1])
-    return np.flatnonzero(chosen), best[chosen]
+        squares[is_far] = np.inf
+    return choose_each_other(squares, MAX_RATIO**2).T

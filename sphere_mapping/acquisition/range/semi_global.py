@@ -26,6 +26,7 @@ from sphere_mapping.acquisition.constants import (
     SGBM,
 )
 from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
+from sphere_mapping.acquisition.range.levels import around
 from sphere_nav.geometry.arrays import Bytes, Floats
 
 Item = TypeVar("Item")
@@ -50,11 +51,10 @@ def find_clear_matches(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool,
 def compare_costs(top: Bytes, bottom: Bytes, disparity: Floats, first: int, *, is_whole: bool, jobs: int) -> Floats:
     """Return the least cost elsewhere, of all disparities that a level sees, over that of one (H, W); NaN for NaN."""
     margin, height = COST_RADIUS, top.shape[0]
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     levels = [_without_mean(image, is_whole) for image in (top, bottom)]
     up, down = (cv2.addWeighted(levels[1], 0.5, np.roll(levels[1], step, axis=0), 0.5, 0) for step in (1, -1))
     low, high = np.minimum(np.minimum(up, down), levels[1]), np.maximum(np.maximum(up, down), levels[1])
-    planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
+    planes = [around(plane, margin, is_whole=is_whole) for plane in (levels[0], low, high)]
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
     start = np.ascontiguousarray(disparity.T)
@@ -93,9 +93,8 @@ def match_semi_globally(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool
 
 def _without_mean(image: Bytes, is_whole: bool) -> NDArray[np.int16]:
     """Return four times the grey levels (H, W) less the mean around them: exposure differs from camera to camera."""
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     side = 2 * COST_RADIUS + 1
-    padded = cv2.copyMakeBorder(image, 0, 0, side, side, border).astype(np.int16) * 4
+    padded = around(image, side, is_whole=is_whole).astype(np.int16) * 4
     less = padded - cv2.blur(padded, (side, side))
     return less[:, side:-side]
 

@@ -38,7 +38,6 @@ from sphere_mapping.acquisition.constants import (
     MISALIGNED,
     NUM_STRIPS,
     REFINE_RADIUS,
-    SMOOTH,
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
     SPREAD_RADIUS,
@@ -49,7 +48,6 @@ from sphere_mapping.acquisition.constants import (
     SWEEP_RADIUS,
     SWEEP_STEP_PX,
 )
-from sphere_mapping.acquisition.kernels import smooth
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange
 from sphere_mapping.acquisition.range.kernels import (
@@ -62,7 +60,7 @@ from sphere_mapping.acquisition.range.kernels import (
     sum_paths,
     sweep,
 )
-from sphere_mapping.acquisition.range.levels import at_unknown, is_unlike, spread_around, twice
+from sphere_mapping.acquisition.range.levels import around, at_unknown, is_unlike, smooth_around, spread_around, twice
 from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
@@ -163,7 +161,7 @@ class SphereSweep:
         found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
         choose(volumes.total, volumes.wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
         self._spare.append(volumes)
-        found = _smooth(found, REFINE_RADIUS - 1)
+        found = smooth_around(found, REFINE_RADIUS - 1, is_whole=True)
         found[at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
 
@@ -177,10 +175,10 @@ class SphereSweep:
         px = np.float32(self._step / 2**from_coarsest)  # about a pixel of the coarsest level, at this one
         if k > 0:
             found = np.where(does_fit, found, start)  # a finer level, whose blocks are smaller, may tell
-            return _smooth(found / px, SMOOTH_BETWEEN) * px, std
+            return smooth_around(found / px, SMOOTH_BETWEEN, is_whole=True) * px, std
         std[~does_fit] = np.nan
         found[np.isnan(std)] = np.nan
-        found = _smooth(found / px, SMOOTH_LAST)
+        found = smooth_around(found / px, SMOOTH_LAST, is_whole=True)
         half = np.ascontiguousarray(found[::2, ::2])
         spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
@@ -234,13 +232,5 @@ def _strips(height: int) -> list[tuple[int, int]]:
 
 def _double(inverse: Floats) -> Floats:
     """Return a plane (2 h, 2 w) whose pixels have twice the size: linear between, NaN beside NaN."""
-    padded = cv2.copyMakeBorder(inverse, 0, 0, 2, 2, cv2.BORDER_WRAP)
+    padded = around(inverse, 2, is_whole=True)
     return np.ascontiguousarray(cv2.resize(padded, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[:, 4:-4])
-
-
-def _smooth(values: Floats, radius: int) -> Floats:
-    """Return the mean of what differs little over 2 radius + 1 rows and columns, which wrap around."""
-    padded = cv2.copyMakeBorder(values, 0, 0, 2 * radius, 2 * radius, cv2.BORDER_WRAP)
-    out = np.empty_like(padded)
-    smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
-    return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])

@@ -28,7 +28,7 @@ from sphere_mapping.acquisition.constants import (
     VIEW_GRID,
 )
 from sphere_mapping.acquisition.range.kernels import NUM_HYPOTHESES
-from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_mapping.acquisition.stitching.views import RigView, axes_of
 from sphere_nav.geometry import Rig, Spherical
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -70,8 +70,6 @@ class CameraSight:
 
 def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
     """Return a level whose images are about as fine as the sphere is."""
-    azimuth = (0.5 - (np.arange(whole.width) + 0.5) / whole.width) * 2 * np.pi
-    elevation = (0.5 - (np.arange(whole.height) + 0.5) / whole.height) * np.pi
     halvings, is_dead = [], []
     for view in views:
         finer = view.camera.pixels_per_radian / whole.pixels_per_radian
@@ -81,9 +79,9 @@ def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
         is_dead.append(border_px <= ERODED_PX)
     sizes = np.array([dead.shape for dead in is_dead], np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    directions = [np.stack([np.sin(angle), np.cos(angle)]).astype(np.float32) for angle in (azimuth, elevation)]
+    azimuths, elevations = (axis.astype(np.float32) for axis in axes_of((whole.height, whole.width)))
     scales = np.array([0.5**halved for halved in halvings], np.float32)
-    return SweepLevel(whole, (directions[0], directions[1]), tuple(halvings), starts, sizes, scales, tuple(is_dead))
+    return SweepLevel(whole, (azimuths, elevations), tuple(halvings), starts, sizes, scales, tuple(is_dead))
 
 
 def lens_tables(views: Sequence[RigView]) -> tuple[Floats, Floats]:

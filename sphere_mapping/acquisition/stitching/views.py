@@ -110,15 +110,15 @@ def border_of(part: RigCamera, mask: Bytes | None) -> Floats:
 
 def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
     """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
-    align, margin = 1 << num_bands, 4 << num_bands
-    coarse = _owners(rig_views, whole, distance_m, GRID_STEP)
+    align, margin, far_m = 1 << num_bands, 4 << num_bands, distance_m or VERY_FAR_M
+    coarse = _owners(rig_views, whole, far_m, GRID_STEP)
     blocks = [block_around(coarse == k, whole, GRID_STEP, margin, align) for k in range(len(rig_views))]
     kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
     best = np.zeros((whole.height, whole.width), np.float32)
     owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
     seen = []
     for number, (rig_view, block) in enumerate(kept):
-        u, v, border = _project_at(rig_view, whole, block, distance_m)
+        u, v, border = rig_view.project(block_rays(whole, block) * far_m)
         rows = slice(block.row, block.row + block.height)
         columns = np.arange(block.column, block.column + min(block.width, whole.width)) % whole.width
         border_once = border[:, : columns.size]
@@ -163,20 +163,20 @@ def block_rays(whole: Spherical, block: Block, step: int = 1) -> Array:
     return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
 
 
-def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
+def axes_of(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return sine and cosine of the azimuth of each column (2, W), and of the elevation of each row (2, H)."""
+    height, width = shape
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
+    return np.stack([np.sin(azimuth), np.cos(azimuth)]), np.stack([np.sin(elevation), np.cos(elevation)])
+
+
+def _owners(rig_views: Sequence[RigView], whole: Spherical, far_m: float, step: int) -> NDArray[np.int8]:
     block = Block(0, 0, whole.height, whole.width)
-    rays = block_rays(whole, block, step)[: whole.height // step, : whole.width // step]
-    borders = np.stack([_see(rig_view, rays, distance_m)[2] for rig_view in rig_views])
+    rays = block_rays(whole, block, step)[: whole.height // step, : whole.width // step] * far_m
+    borders = np.stack([rig_view.project(rays)[2] for rig_view in rig_views])
     owner = np.argmax(borders, axis=0).astype(np.int8)
     return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
-
-
-def _see(rig_view: RigView, rays: Array, distance_m: float) -> tuple[Floats, Floats, Floats]:
-    return rig_view.project(rays * (distance_m or VERY_FAR_M))
-
-
-def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Floats, Floats, Floats]:
-    return _see(rig_view, block_rays(whole, block), distance_m)
 
 
 def _table(u: Floats, v: Floats, border: Floats) -> tuple[NDArray, NDArray]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import TINY, Array, Flags
-from sphere_nav.geometry.cameras.camera import check_size, inside
+from sphere_nav.geometry.cameras.camera import Camera, check_size, inside
+
+MAX_LEVELS = 32  # more than any camera has
 
 
 @dataclass(frozen=True)
@@ -99,3 +101,18 @@ class Spherical:
             raise ValueError(f"sphere pyramid: expected even sides, found {self.width} x {self.height}")
         full = self.full_width / 2
         return type(self)(self.width // 2, self.height // 2, full, self.offset_u / 2, self.offset_v / 2)
+
+
+@lru_cache(maxsize=64)
+def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camera, ...]:
+    """Return the cameras of all levels, from fine to coarse."""
+    cameras = [camera]
+    while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
+        cameras.append(cameras[-1].halve())
+    return tuple(cameras)
+
+
+def _can_halve(camera: Camera, min_side: int) -> bool:
+    if isinstance(camera, Spherical) and camera.is_whole and (camera.width % 4 or camera.height % 2):
+        return False
+    return min(camera.width, camera.height) // 2 >= min_side

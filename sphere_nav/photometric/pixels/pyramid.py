@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, OCam, Spherical
 from sphere_nav.geometry.cameras.camera import Focal
+from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
 from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
 from sphere_nav.photometric.params import PyramidParams
@@ -141,21 +142,6 @@ def check_image(image: Image, camera: Camera) -> None:
 def pad_of(camera: Camera) -> int:
     """Return how many columns of its other edge an image carries on both sides: one where it closes, else none."""
     return int(isinstance(camera, Spherical) and camera.is_whole)
-
-
-@lru_cache(maxsize=64)
-def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camera, ...]:
-    """Return the cameras of all levels, from fine to coarse."""
-    cameras = [camera]
-    while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
-        cameras.append(cameras[-1].halve())
-    return tuple(cameras)
-
-
-def _can_halve(camera: Camera, min_side: int) -> bool:
-    if isinstance(camera, Spherical) and camera.is_whole and (camera.width % 4 or camera.height % 2):
-        return False
-    return min(camera.width, camera.height) // 2 >= min_side
 
 
 def _pad(image: Image, pad: int) -> Image:

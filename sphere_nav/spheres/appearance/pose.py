@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array, Flags, Integers
+from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import (
     MAX_MATCH_RATIO,
@@ -32,15 +32,17 @@ class FeaturePose:
 
 def match_features(query: Features, known: Features) -> Integers:
     """Return rows (M, 2) of features that are each other's best match and clearly better than the second."""
-    if len(query) < 2 or len(known) < 2:
+    return choose_each_other(1.0 - query.unit_descriptors() @ known.unit_descriptors().T, MAX_MATCH_RATIO**2)
+
+
+def choose_each_other(costs: Floats, ratio: float) -> Integers:
+    """Return rows and columns (M, 2) of least costs (N, K) of both, in their row less than `ratio` of the second."""
+    if min(costs.shape) < 2:
         return np.zeros((0, 2), np.int64)
-    cosines = query.unit_descriptors() @ known.unit_descriptors().T
-    best = np.argmax(cosines, axis=1)
-    rows = np.arange(len(query))
-    top = cosines[rows, best]
-    second = np.partition(cosines, -2, axis=1)[:, -2]
-    is_clear = 1.0 - top < MAX_MATCH_RATIO**2 * (1.0 - second)
-    is_mutual = np.argmax(cosines, axis=0)[best] == rows
+    rows, best = np.arange(len(costs)), np.argmin(costs, axis=1)
+    second = np.partition(costs, 1, axis=1)[:, 1]
+    is_clear = costs[rows, best] < ratio * second
+    is_mutual = np.argmin(costs, axis=0)[best] == rows
     return np.stack([rows, best], axis=1)[is_clear & is_mutual]
 
 

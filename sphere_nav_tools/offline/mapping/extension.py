@@ -55,7 +55,7 @@ def extend(
             if node.id not in part.index.features:
                 part.index.add(node.id, features_of_sphere(part.load(node.id)))
     new = locator.unexplained(mapper)
-    joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
+    joined = join_drive(known, drive, locator.images(mapper), T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
     lacking: defaultdict[int, float] = defaultdict(float)  # what the map does not show of the images of a key sphere

@@ -10,7 +10,6 @@ import pytest
 from sphere_mapping.experiences import joining
 from sphere_mapping.experiences.joining import DriveSphere, First, Localized, Place, is_same, join_drive, locate_edges
 from sphere_mapping.graph.keyframes import Track
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -70,7 +69,7 @@ def night():
 
 @pytest.mark.slow
 def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
-    joined = join_drive(base, night, images_of(night), MapperParams())
+    joined = join_drive(base, night, images_of(night))
     assert joined.graph is not None, joined.told
     assert worst_m(joined) < 0.01
     assert all(joined.graph[node.id].T_map_sphere is node.T_map_sphere for node in base.graph)  # the map stays
@@ -113,7 +112,7 @@ def test_a_place_is_moved_along_the_axes_of_the_map(base):
 @pytest.mark.slow
 def test_elsewhere_nothing_is_joined(base):
     elsewhere = submap(Cave(seed=9), DRIVE, 100, FAR, is_dark=True)
-    assert join_drive(base, elsewhere, images_of(elsewhere), MapperParams()).graph is None
+    assert join_drive(base, elsewhere, images_of(elsewhere)).graph is None
 
 
 WHOLE = Spherical(64, 32)
@@ -124,7 +123,7 @@ def test_a_start_that_ranges_do_not_confirm_is_refused():
     dark = {"camera": WHOLE, "is_dark": True}
     caves = [Cave(), Cave(), Cave(seed=9)]
     changed = submap_of(lambda k: caves[k].sphere(DRIVE[k], **dark), DRIVE, 100, FAR)
-    found = join_drive(submap(Cave(), BASE, 0, **dark), changed, images_of(changed), MapperParams(), DRIVE[0])
+    found = join_drive(submap(Cave(), BASE, 0, **dark), changed, images_of(changed), DRIVE[0])
     assert found.graph is None
     assert found.told.endswith("a start was given; ranges fit at 2 of 3 places, 2 tell where")
 
@@ -149,7 +148,7 @@ def test_ranges_of_eight_spheres_of_a_drive_are_sought_in_forty_of_a_map_and_six
 
 def test_features_join_a_drive_by_day_before_anything_is_searched_by_parts():
     known, day = (with_features(submap(Cave(), *of)) for of in ((BASE[:2], 0), (DRIVE[:2], 100, FAR)))
-    first = joining.find_first(known, day, images_of(day), MapperParams(), None, map, None)
+    first = joining.find_first(known, day, images_of(day), None, map, None)
     assert first.told.endswith("2 of these agree on one place")
     assert {edge.b for edge in first.edges} == {100, 101}
     assert first.is_certain
@@ -167,7 +166,7 @@ def test_what_the_localizer_placed_counts_before_all(base, night):
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}
     edges = list(locate_edges(images_of(night, sure)))
     assert [(edge.a, edge.b) for edge in edges] == [(0, 100), (1, 101)]  # it was not sure of the third
-    joined = join_drive(base, night, images_of(night, sure), MapperParams())
+    joined = join_drive(base, night, images_of(night, sure))
     assert "placed 2 of 3" in joined.told
     assert worst_m(joined) < 0.01
 

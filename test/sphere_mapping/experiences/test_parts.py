@@ -5,14 +5,12 @@ import pytest
 
 from sphere_mapping.experiences.joining import Localized, join_drive
 from sphere_mapping.experiences.parts import search_by_parts
-from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
 from worlds.nightfall import DAY, ELSEWHERE, NIGHT, make_submap
 from worlds.submaps import images_of
 
 pytestmark = pytest.mark.slow
 
-PARAMS = MapperParams()
 BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]
 DRIVE = [SE3.from_planar(-2.1 + 0.8 * k, 0.15, 0.06) for k in range(4)]
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
@@ -43,13 +41,13 @@ def off(edge):
 
 
 def test_a_drive_is_found_from_nowhere(base, night):
-    edges = search_by_parts(base, night, REGISTRATION, ahead)
+    edges = search_by_parts(base, night, ahead)
     assert len(edges) >= 3
     assert max(off(edge) for edge in edges) < 0.05
 
 
 def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the_rest(base, night):
-    joined = join_drive(base, night, images(night, (0, 1, 2)), PARAMS)
+    joined = join_drive(base, night, images(night, (0, 1, 2)))
     assert "the localizer placed 3 of 4" in joined.told
     assert "parts of the images agree at 4 of 4 key spheres" in joined.told
     assert max(joined.graph[100 + k].T_map_sphere.distance(pose)[0] for k, pose in enumerate(DRIVE)) < 0.05
@@ -57,4 +55,4 @@ def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the
 
 def test_a_wrong_start_of_another_place_is_refused(base):
     other = make_submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
-    assert join_drive(base, other, images(other), PARAMS, DRIVE[0]).graph is None
+    assert join_drive(base, other, images(other), DRIVE[0]).graph is None

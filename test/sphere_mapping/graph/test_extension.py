@@ -49,7 +49,7 @@ def test_key_spheres_of_a_drive_are_measured_against_those_of_the_map(taught):
         T_a_b = old.T_map_sphere.inverse() @ truth[node.id] @ off
         located.append(Edge(old.id, node.id, T_a_b, np.diag(np.repeat([0.004, 0.002], 3) ** -2.0), is_loop=True))
     joined = join_graphs(taught.graph, newer.graph, located)
-    closely = join_closely(submap(taught), submap(newer), joined, PARAMS)
+    closely = join_closely(submap(taught), submap(newer), joined)
     before, after = (
         np.mean([graph[node_id].T_map_sphere.distance(pose)[0] for node_id, pose in truth.items()])
         for graph in (joined, closely)

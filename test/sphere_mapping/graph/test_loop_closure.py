@@ -14,7 +14,7 @@ from sphere_mapping.graph.loop_closure import (
     with_loops,
 )
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
@@ -41,7 +41,7 @@ def revisit(T_room_newer, T_believed, make=lambda T, n: sharp_room().sphere(T, C
 
 
 def look(graph, closer):
-    return [closer.find(graph, PreparedSphere(node.sphere, REGISTRATION), node.id) for node in graph]
+    return [closer.find(graph, PreparedSphere(node.sphere), node.id) for node in graph]
 
 
 @pytest.mark.parametrize("turn", [np.pi / 2, np.pi], ids=["crossing", "opposite"])

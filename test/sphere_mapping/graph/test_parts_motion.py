@@ -14,7 +14,7 @@ T_DAY, T_NIGHT = SE3.from_planar(-1.6, 0.0, 0.0), SE3.from_planar(-1.3, 0.15, 0.
 
 def prepared_pair():
     day, night = make_sphere(DAY, T_DAY, is_dark=False), make_sphere(NIGHT, T_NIGHT, is_dark=True)
-    return PreparedSphere(day, REGISTRATION), PreparedSphere(night, REGISTRATION)
+    return PreparedSphere(day), PreparedSphere(night)
 
 
 def test_a_motion_is_measured_where_gray_levels_lead_away():
@@ -22,7 +22,7 @@ def test_a_motion_is_measured_where_gray_levels_lead_away():
     by_levels = register(b.pyramid, [a.at(SE3.identity())], SE3.identity(), REGISTRATION)
     true = T_DAY.inverse() @ T_NIGHT
     assert not by_levels.is_converged or by_levels.T_world_camera.distance(true)[0] > 0.1
-    motion = measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION)
+    motion = measure_motion_by_parts(a, b, SE3.identity())
     assert motion.T_a_b.distance(true)[0] < 0.03
     assert motion.chance <= 1e-7
     xi = (motion.T_a_b.inverse() @ true).log()
@@ -30,7 +30,7 @@ def test_a_motion_is_measured_where_gray_levels_lead_away():
 
 
 def test_an_edge_says_what_was_measured():
-    motion = measure_motion_by_parts(*prepared_pair(), SE3.identity(), REGISTRATION)
+    motion = measure_motion_by_parts(*prepared_pair(), SE3.identity())
     for is_loop in (False, True):
         edge = motion.edge(4, 9, is_loop=is_loop)
         assert (edge.a, edge.b, edge.is_loop) == (4, 9, is_loop)

@@ -8,7 +8,7 @@ from sphere_mapping.graph import tracking
 from sphere_mapping.graph.both_ways import ONE_WAY
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import SphereGraph
 from worlds.room import sharp_room
@@ -24,7 +24,7 @@ POSES = [SE3.identity(), STEP, STEP @ STEP, STEP @ STEP @ STEP]
 def prepared(T_room_sphere, number, room=ROOM):
     sphere = room.sphere(T_room_sphere, CAMERA, number)
     object.__setattr__(sphere, "stamp_ns", number * PERIOD_NS)
-    return PreparedSphere(sphere, REGISTRATION)
+    return PreparedSphere(sphere)
 
 
 def started(num_placed):

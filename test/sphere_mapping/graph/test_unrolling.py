@@ -7,7 +7,6 @@ import numpy as np
 from sphere_mapping.graph.motion import DriveMotion, Placed
 from sphere_mapping.graph.tracking import align_unrolled
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric import RegistrationParams
 
 MAX_PASSES = 3
 
@@ -27,7 +26,7 @@ def aligned(start, is_converged=True):
         T = SE3.exp((TRUTH + SHARE * (current.sphere - TRUTH)) * 0.1)
         return SimpleNamespace(is_converged=is_converged, T_world_camera=T)
 
-    align_unrolled(lambda velocity: velocity, 2 * PERIOD_NS, prior, RegistrationParams(), align)
+    align_unrolled(lambda velocity: velocity, 2 * PERIOD_NS, prior, align)
     return used
 
 

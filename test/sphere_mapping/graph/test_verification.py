@@ -3,7 +3,6 @@ from concurrent.futures import Future
 import numpy as np
 
 from sphere_mapping.graph.verification import Lookup, LoopTrial, find_candidates, run_in, verify
-from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from worlds.room import sharp_room
@@ -46,9 +45,9 @@ def test_a_place_is_found_by_features_and_the_first_that_holds_is_the_loop():
     (found,) = find_candidates(Lookup(features_of_sphere(newer), alike))
     assert found.older == 5
     assert found.T_older_newer.distance(MOTION)[0] < 0.05
-    trial = LoopTrial(9, newer, ((4, other, MOTION), (5, older, found.T_older_newer)), REGISTRATION)
+    trial = LoopTrial(9, newer, ((4, other, MOTION), (5, older, found.T_older_newer)))
     edge = verify(trial)
     assert (edge.a, edge.b, edge.is_loop) == (5, 9, True)
     assert edge.T_a_b.distance(MOTION)[0] < 0.01
     assert np.all(np.linalg.eigvalsh(edge.information) > 0)
-    assert verify(LoopTrial(9, newer, trial.older[:1], trial.params)) is None
+    assert verify(LoopTrial(9, newer, trial.older[:1])) is None

@@ -12,7 +12,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import StereoField, follow, 
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.acquisition.stereo.track_fit import fit_columns
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere
-from sphere_mapping.params import REGISTRATION, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import Sphere
@@ -116,11 +116,11 @@ def driven(drive, pair):
         one_side = whole.range_m.copy()
         one_side[:, one_side.shape[1] // 2 :] = np.nan
         sphere = Sphere(whole.image, one_side, whole.camera, 0, whole.range_std_m)
-        spheres.append(PreparedSphere(sphere, REGISTRATION))
+        spheres.append(PreparedSphere(sphere))
     T_first_last = SE3.identity()
     for a, b in pairwise(spheres):
         guess = [SE3.exp([2 * STEP_M, 0, 0, 0, 0, 0])]
-        found = align_sphere(b, [a.at(SE3.identity())], iter(guess), REGISTRATION)
+        found = align_sphere(b, [a.at(SE3.identity())], iter(guess))
         assert found.is_converged
         T_first_last = T_first_last @ found.T_world_camera
     R, length = T_first_last.rotation, STEP_M * (NUM_STEPS - 1)
