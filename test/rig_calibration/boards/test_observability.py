@@ -69,8 +69,8 @@ def test_what_is_weak_is_told_in_the_axes_of_the_rig(monkeypatch):
 
 
 def test_a_rotation_known_to_more_than_a_tenth_of_a_degree_or_a_place_to_five_millimetres_is_worth_a_warning():
-    limits, still = np.repeat([0.005, np.radians(0.1)], 3), SE3(np.stack([np.eye(4)] * 2))
+    limits = np.repeat([0.005, np.radians(0.1)], 3)
     for factor, told in [(0.9, []), (1.1, ["is weakly observed"] * 6), (11.0, ["cannot be observed"] * 6)]:
         found = observability.Spread(0.2, np.zeros((1, 12, 12)), np.diag((factor * limits) ** 2)[None])
-        lines = observability.warnings(("front",), found, still)[:6]
+        lines = observability.warnings(("front",), found)[:6]
         assert [words in line for words, line in zip(told, lines, strict=True)] == [True] * len(told)
