@@ -5,13 +5,14 @@ from operator import or_
 import numpy as np
 import pytest
 
+from dense_localizer.constants import MIN_VISIBLE_SHARE
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.reference import References
+from dense_localizer.references.reference import Choice, References, RigChoice
 from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, State
+from sphere_nav.localization.status import TRUSTED, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -59,6 +60,14 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
         monkeypatch.setattr("dense_localizer.judge.integrity.find_rig_structure", lambda *given, it=structure: it)
         found.append(np.diag(Integrity(references, params).assess(chosen, aligned, guess).covariance))
     np.testing.assert_allclose(found[1] - found[0], [0.008**2] * 3 + [0.0] * 3, atol=1e-6)  # a fifth may remain
+    references.close()
+
+
+def test_a_view_that_no_key_sphere_covers_is_refused_by_how_little_they_cover(room_map):
+    references = References(room_map, LocalizerParams())
+    nothing = RigChoice((), replace(Choice.merge(()), overlap=0.05))
+    found = Integrity(references, LocalizerParams()).assess(nothing, None, Prediction.guess(at(0.0))).finding
+    assert (found.reason, found.value, found.limit) == (Reason.LOW_OVERLAP, 0.05, MIN_VISIBLE_SHARE)
     references.close()
 
 
