@@ -76,6 +76,9 @@ def test_nothing_is_expected_of_a_hand_held_map_or_where_nobody_tells_the_mounti
         ground_of(climb(0.0), T_base_body=None),
     ):
         assert ground.expect(SE3.identity()) is NO_EXPECTATION
+    lower = T_BASE_CAMERA.translation[2] - T_BASE_SPHERE.translation[2]
+    heights = [ground_of(climb(0.0), one).height_above(T_BASE_CAMERA) for one in (None, T_BASE_SPHERE)]
+    assert heights == pytest.approx([0.0, lower], abs=0.1)  # of spheres that nobody has told the place of
 
 
 def test_another_drive_in_the_map_says_nothing_by_its_own_mount_nor_does_a_place_far_away():

@@ -55,6 +55,15 @@ def test_a_start_begins_with_a_zero_command(bus, loop):
     assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
 
 
+def test_who_drives_by_a_permission_that_a_stop_has_ended_is_refused(loop):
+    refusal, held = loop.ask("drive", "start", loop.follower.mode.permission)
+    assert (refusal, loop.follower.mode.state) == ("", FollowerState.DRIVING)
+    assert loop.ask("stop") == ""
+    assert loop.ask("drive", "resume", held)[0].startswith("the vehicle was stopped")
+    with pytest.raises(ValueError, match="request: expected one of start, resume, stop, .* found 'fly'"):
+        loop.ask("drive", "fly", held)
+
+
 def test_after_a_jump_of_the_clock_a_command_has_no_stamp_of_before(loop):
     loop.heard_ns = loop.answered.stamp_ns = SECOND
     assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
