@@ -60,7 +60,7 @@ def test_who_drives_by_a_permission_that_a_stop_has_ended_is_refused(loop):
     assert (refusal, loop.follower.mode.state) == ("", FollowerState.DRIVING)
     assert loop.ask("stop") == ""
     assert loop.ask("drive", "resume", held)[0].startswith("the vehicle was stopped")
-    with pytest.raises(ValueError, match="request: expected one of start, resume, stop, .* found 'fly'"):
+    with pytest.raises(ValueError, match=r"request: expected one of start, .* found 'fly'"):
         loop.ask("drive", "fly", held)
 
 
