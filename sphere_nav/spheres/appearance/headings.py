@@ -82,8 +82,6 @@ def rank_headings(view: PartedView, panorama: Floats, count: int) -> list[Headin
 
     A turn is as likely anywhere within the reach of its cells; where the middle one of them lies is the heading.
     """
-    if not len(view.norm):
-        return []
     by_cell, found = _compare(view, panorama), list[Heading]()
     likeness, beside = _within_reach(by_cell), np.arange(-CELL_REACH[0], CELL_REACH[0] + 1)
     for _ in range(count):
@@ -97,9 +95,7 @@ def rank_headings(view: PartedView, panorama: Floats, count: int) -> list[Headin
 
 
 def score_headings(view: PartedView, panorama: Floats) -> Floats:
-    """Return how alike a view is (W,) when it is turned by so many columns to the right."""
-    if not len(view.norm):
-        return np.full(GRID_WIDTH, -np.inf, np.float32)
+    """Return how alike a view is (W,) when it is turned by so many columns to the right; -inf for one without edges."""
     return _within_reach(_compare(view, panorama))
 
 
@@ -114,6 +110,8 @@ def _within_reach(by_cell: Floats) -> Floats:
     """Return how alike a view is (W,) whose cells may each lie a few columns beside their place."""
     from scipy.ndimage import maximum_filter1d  # what only reads bags does without it
 
+    if not len(by_cell):
+        return np.full(GRID_WIDTH, -np.inf, np.float32)
     return np.asarray(np.mean(maximum_filter1d(by_cell, 2 * CELL_REACH[0] + 1, axis=1, mode="wrap"), axis=0))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_nav.spheres.appearance.headings import GRID, TURN_RAD, cut_view, draw_sphere, rank_headings
+from sphere_nav.spheres.appearance.headings import GRID, TURN_RAD, cut_view, draw_sphere, rank_headings, score_headings
 from sphere_nav.spheres.appearance.kernels import score_turns
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -95,6 +95,8 @@ def test_the_strongest_half_of_the_edges_is_compared_and_nothing_that_no_camera_
     assert np.mean(np.linalg.norm(whole.direction, axis=1)) > 0.7  # 0.48 of all, 0.19 of the others
     image[:, 160:] = np.nan
     half = cut_view(image, PINHOLE, T_BODY_OPTICAL)
+    blank = cut_view(np.full_like(image, 90.0), PINHOLE, T_BODY_OPTICAL)
+    assert (rank_headings(blank, panorama(), 1), score_headings(blank, panorama()).max()) == ([], -np.inf)
     assert 0 < len(half.norm) < 0.7 * len(whole.norm)
     assert np.all(np.isfinite(half.direction))
 
