@@ -113,10 +113,10 @@ class Startup:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
         guesses, T_map_camera = [], seen.pose(T_map_body)
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
+            guesses.append(Guess(node, T_map_camera))
             place = node.T_map_sphere @ find_attitude(seen, self._references.ground)
-            there = SE3.from_parts(T_map_camera.rotation, np.stack([T_map_camera.translation, place.translation]))
-            guesses += self._compare(seen, node, node.T_map_sphere.inverse() @ there)
-        return self._refine(seen, select_best(guesses, NUM_NEAR))
+            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, place.translation)))
+        return self._refine(seen, guesses)
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return the best of several poses in a sphere, with how much the image resembles it there."""
