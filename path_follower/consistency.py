@@ -241,12 +241,12 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     """
     if covariance is None:
         return Doubt()
-    found, values = "", np.linalg.eigvalsh(np.nan_to_num(covariance))
+    found = ""
     if not np.isfinite(covariance).all():
         found = "finite numbers"
     elif not np.diagonal(covariance).all():
         found = "that of x, y and yaw, found zeros: none is stated"
-    elif values[0] < -1e-6 * max(values[-1], 1e-6):
+    elif (values := np.linalg.eigvalsh(covariance))[0] < -1e-6 * max(values[-1], 1e-6):
         found = f"positive semidefinite, found the eigenvalue {values[0]:.3g}"
     if found:
         return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=f"covariance: expected {found}"))
@@ -255,7 +255,6 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     checks = ((position, limits.max_deviation, "m"), (yaw, MAX_YAW_DEVIATION, "rad"))
     value, limit, unit = max(checks, key=lambda check: check[0] / check[1])
     found = f"standard deviation {value:.3g} {unit}, limit "
-    slow = over(StopReason.POSE_UNCERTAIN, value, limit, f"{found}{limit:.3g}")
-    if slow is not FINE:
-        slow = replace(slow, advice="driving slowly until the pose is certain again")
+    advice = "driving slowly until the pose is certain again"
+    slow = over(StopReason.POSE_UNCERTAIN, value, limit, f"{found}{limit:.3g}", advice)
     return Doubt(over(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, f"{found}{2.0 * limit:.3g}"), slow)

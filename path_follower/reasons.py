@@ -103,9 +103,9 @@ def describe(verdict: Verdict) -> str:
     return ": ".join(filter(None, (verdict.reason, found, verdict.advise(REMEDIES))))
 
 
-def over(reason: StopReason, value: float, limit: float, detail: str = "") -> Verdict:
+def over(reason: StopReason, value: float, limit: float, detail: str = "", advice: str = "") -> Verdict:
     """Return a verdict on a value above its limit; else FINE."""
-    return Verdict(reason, value, limit, detail) if value > limit else FINE
+    return Verdict(reason, value, limit, detail, advice) if value > limit else FINE
 
 
 def blocked(count: int) -> Verdict:

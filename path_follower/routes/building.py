@@ -167,14 +167,14 @@ def _features(curve: EdgeCurve) -> Array:
 
 def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
-    return _nearest(there, len(there), curve, np.arange(len(curve)))
+    return _on_lane(there, curve, _nearest(_features(there), _features(curve)), np.arange(len(curve)))
 
 
-def _nearest(there: EdgeCurve, known: int, curve: EdgeCurve, points: Indices) -> tuple[Array, Indices]:
-    """The same of some points of a curve, and the first `known` points of the other one."""
+def _nearest(known: Array, features: Array) -> Indices:
+    """Return which of known features (N, 4) is the nearest to each of others (M, 4); -1: none may be on its lane."""
     reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
-    _, at = cKDTree(_features(there)[:known]).query(_features(curve)[points], distance_upper_bound=reach)
-    return _on_lane(there, curve, np.where(at < known, at, -1).astype(np.intp), points)
+    _, at = cKDTree(known).query(features, distance_upper_bound=reach)
+    return np.where(at < len(known), at, -1).astype(np.intp)
 
 
 def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
@@ -187,10 +187,11 @@ def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | 
 def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     """The same of a curve and what it did at least PAST m before."""
     off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
-    past, block = round(PAST / SPACING), round(5.0 / SPACING)
+    features, past, block = _features(curve), round(PAST / SPACING), round(5.0 / SPACING)
     for begin in range(past + 1, len(curve), block):
         points = np.arange(begin, min(begin + block, len(curve)))
-        off[points], found[points] = _nearest(curve, begin - past, curve, points)
+        at = _nearest(features[: begin - past], features[points])
+        off[points], found[points] = _on_lane(curve, curve, at, points)
     return off, found
 
 
