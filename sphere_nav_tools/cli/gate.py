@@ -210,8 +210,8 @@ class WebPage:
         self.server.scene.set_up_direction("+z")
 
     @property
-    def link(self) -> str:
-        """Which leads to it."""
+    def url(self) -> str:
+        """The link that leads to it."""
         return link_to(self._host, int(self.server.get_port()), self._token)
 
     def close(self) -> None:

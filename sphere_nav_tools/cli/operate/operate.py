@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     link = Link(arguments.namespace, arguments.image)
     try:
         page = OperatorPage(link, teaching, simulated, place=(arguments.host, arguments.port), token=token)
-        print(f"{page.link}  (Ctrl-C ends it)", flush=True)
+        print(f"{page.url}  (Ctrl-C ends it)", flush=True)
         try:
             threading.Event().wait()
         finally:

@@ -60,7 +60,7 @@ class OperatorPage(WebPage):
         token: str,
     ) -> None:
         """`place` and `token` as of a WebPage."""
-        self.vehicle, self.teaching, self.simulated = link, teaching, simulated
+        self.link, self.teaching, self.simulated = link, teaching, simulated
         self._ground: tuple[Path | None, Ground | None] = None, None
         acts = {"emergency_stop": self._press, "state": self.state}  # what needs no websocket
         super().__init__("operate", place, token, acts)
@@ -71,19 +71,19 @@ class OperatorPage(WebPage):
 
     def _press(self) -> str:
         """Press the emergency stop by a thread: who asked for it is answered at once."""
-        threading.Thread(target=lambda: self.vehicle.seen.say(self.vehicle.press_emergency()), daemon=True).start()
+        threading.Thread(target=lambda: self.link.seen.say(self.link.press_emergency()), daemon=True).start()
         return "asked for"
 
     def state(self) -> str:
         """Return what is going on as HTML."""
         is_new = self.simulated is not None and not self.simulated.is_driven
         job = self.teaching.describe() if self.teaching.busy else ""
-        job += f" · {self.vehicle.describe_images()}" * self.teaching.is_recording
-        return banner(self.vehicle.seen, job, TEACH_FIRST if is_new else IS_IT_RUNNING)
+        job += f" · {self.link.describe_images()}" * self.teaching.is_recording
+        return banner(self.link.seen, job, TEACH_FIRST if is_new else IS_IT_RUNNING)
 
     def map_in_use(self) -> Path | None:
         """Return the map in the folder that the localiser uses; None where it is not here."""
-        status, _ = self.vehicle.seen.told("localizer")
+        status, _ = self.link.seen.told("localizer")
         return self.teaching.with_map(status.map_id) if status is not None else None
 
     def ground(self) -> Ground | None:
@@ -98,14 +98,14 @@ class OperatorPage(WebPage):
         try:
             self._ground = made, ground_of(made)
         except (ValueError, OSError) as error:
-            self.vehicle.seen.say(str(error))
+            self.link.seen.say(str(error))
 
 
 class Desk:
     """What one browser shows, and the thread that keeps it up to date until the browser leaves."""
 
     def __init__(self, page: OperatorPage, client: Any) -> None:
-        self.page, self.client, self.link, self.teaching = page, client, page.vehicle, page.teaching
+        self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
         self.chart = Chart(client)
         self._clicked: tuple[float, float] | None = None
         self._is_heard = False

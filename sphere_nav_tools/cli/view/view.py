@@ -121,7 +121,7 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     drive = Drive(arguments, reader) if arguments.bag else None
     shown_first = find_experience(scene, arguments.experience)
     page = Page(reader.graph, scene, start, shown_first, place=(arguments.host, arguments.port), token=token)
-    print(f"{page.link}  (Ctrl-C ends it)", flush=True)
+    print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:
             replay_drive(drive, page)

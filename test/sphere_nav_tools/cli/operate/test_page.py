@@ -129,7 +129,7 @@ def enter(yard):
     clients = []
 
     def come():
-        clients.append(PageClient(yard[2].link))
+        clients.append(PageClient(yard[2].url))
         return clients[-1]
 
     yield come
@@ -142,7 +142,7 @@ def wait_until(holds):
 
 
 def ask_to_stop(yard):
-    with urllib.request.urlopen(f"{yard[2].link}/emergency_stop", timeout=WAIT_S) as told:
+    with urllib.request.urlopen(f"{yard[2].url}/emergency_stop", timeout=WAIT_S) as told:
         assert told.status == 200
 
 
@@ -238,7 +238,7 @@ def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is
     time.sleep(0.3)
     assert set(follower.emergency) == {True}
     with pytest.raises(urllib.error.HTTPError, match="403"):
-        urllib.request.urlopen(f"{yard[2].link.rpartition('/')[0]}/guess_of_it/emergency_stop", timeout=WAIT_S)
+        urllib.request.urlopen(f"{yard[2].url.rpartition('/')[0]}/guess_of_it/emergency_stop", timeout=WAIT_S)
     page.close()
     again = enter()
     again.click("release the emergency stop")
