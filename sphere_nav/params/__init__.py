@@ -7,10 +7,11 @@ ROS declaration (sphere_nav.ros), the YAML in `config/` and the table in `docs/p
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import math
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
 from sphere_nav.params.homes import at_home
@@ -116,8 +117,14 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
     known = {leaf.name for leaf in leaves(cls)}
     for name in values:
         if name not in known:
-            raise ValueError(f"{name}: unknown parameter of {cls.__name__}")
+            raise ValueError(f"{name}: unknown parameter{meant(name, known)}")
     return _construct(cls, values, "")
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return a hint at the known name that is most like one, or nothing."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (is {close[0]} meant?)" if close else ""
 
 
 def plain_frame(name: str) -> str:

@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.params import meant
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
 from sphere_nav.ros.constants import ABSOLUTE, MAX_RESTARTS
-from sphere_nav.ros.site_file import check_site_file, meant
+from sphere_nav.ros.site_file import check_site_file
 
 Values = Mapping[str, Any]  # of the arguments
 MAPPER_TOPICS = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}

@@ -10,9 +10,9 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from sphere_nav.params import meant
 from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, Composition, NodeStart, after_exit
 from sphere_nav.ros.constants import END_PATIENCE_S
-from sphere_nav.ros.site_file import meant
 
 PREFIX = "launch-prefix"
 OF_LAUNCH = {PREFIX, "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout"}

@@ -11,10 +11,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sphere_nav.params import Leaf, build, leaves
+from sphere_nav.params import Leaf, build, leaves, meant
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import Handler, one_line
-from sphere_nav.ros.site_file import meant
 
 C = TypeVar("C")
 MAX_INTEGER = 2**63 - 1

@@ -9,7 +9,6 @@ only other nodes know a launch file may give to all of its nodes at once.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -18,6 +17,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_text
+from sphere_nav.params import meant
 from sphere_nav.ros.constants import ABSOLUTE
 from sphere_nav.ros.shared_files import share_file
 
@@ -26,12 +26,6 @@ STRANGERS = ("vehicle", "operator")  # enclaves of the policy that are none of o
 BODY = "ros__parameters"
 ANY = {"*", "**"}  # tokens of a section's name that stand for nodes
 RCLPY_NAMES, RCLPY_GROUPS = {"use_sim_time", "start_type_description_service"}, ("qos_overrides.",)
-
-
-def meant(name: str, known: Iterable[str]) -> str:
-    """Return a hint at the known name that is most like one, or nothing."""
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f" (is {close[0]} meant?)" if close else ""
 
 
 def check_site_file(path: str, nodes: Sequence[str], started: Sequence[str]) -> None:

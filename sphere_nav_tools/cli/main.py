@@ -10,11 +10,12 @@ import importlib
 import logging
 import logging.handlers
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
@@ -114,8 +115,24 @@ def _log_at_the_end() -> Iterator[None]:
         held.close()
 
 
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in one line, and takes -0.1,0,1 behind an option for its value."""
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
+        words = list[str]()
+        for word in args:
+            if words and re.fullmatch(r"--[\w-]+", words[-1]) and re.match(r"-\.?\d", word):
+                words[-1] += f"={word}"
+            else:
+                words.append(word)
+        return super().parse_known_args(words, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (--help explains)\n")
+
+
 def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=f"sphere_nav {name}",
         description=module.HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,

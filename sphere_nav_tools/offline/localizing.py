@@ -181,8 +181,8 @@ def give_initial_pose(node: Any, text: str) -> None:
     numbers = numbers_of(text, "--initial-pose", expected, 7)
     try:
         T_map_base = SE3.from_quaternion(numbers[3:], numbers[:3])
-    except ValueError:
-        raise ValueError(f"--initial-pose: expected {expected}, found {text!r}") from None
+    except ValueError as error:
+        raise ValueError(f"--initial-pose: expected {expected}, found {text!r}: {error}") from None
     message: PoseWithCovarianceStamped = conversions.se3_to_pose_with_covariance(
         T_map_base, np.zeros((6, 6)), 0, node.params.map_frame
     )

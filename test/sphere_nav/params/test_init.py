@@ -46,7 +46,7 @@ def test_a_wrong_value_is_refused_by_name_by_the_constructor_too_and_none_can_be
         ("count", True, "count: expected int, found True"),
         ("inner.gain", 2.5, "inner.gain: expected 0.0 to 2.0, found 2.5"),
         ("inner.gain", "1", "inner.gain: expected float, found '1'"),
-        ("inner.size", 1, "inner.size: unknown parameter of Outer"),
+        ("inner.gian", 1, "inner.gian: unknown parameter (is inner.gain meant?)"),
     ]:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             build(Outer, {name: value})

@@ -67,6 +67,22 @@ def test_an_error_is_one_line(stand_in, capsys):
         assert capsys.readouterr().err == line
 
 
+def test_a_wrong_word_is_one_line_and_a_place_behind_the_vehicle_no_option(stand_in, capsys):
+    found = []
+    stand_in.add_arguments = lambda parser: parser.add_argument("--mounting")
+    stand_in.run = lambda arguments: found.append(arguments.mounting)
+    for place in ["-0.1,0,1", "-.5", "-1"]:
+        assert main(["play", "--mounting", place]) == 0
+    assert found == ["-0.1,0,1", "-.5", "-1"]
+    for words, line in [(["--mounting"], "--mounting: expected one argument"), (["--speed", "-1"], "--speed=-1")]:
+        with pytest.raises(SystemExit) as end:
+            main(["play", *words])
+        assert end.value.code == 2
+        error = capsys.readouterr().err
+        assert line in error
+        assert error.count("\n") == 1
+
+
 def test_a_mistake_of_ours_is_not_hidden_and_where_an_error_comes_from_can_be_seen(stand_in, monkeypatch):
     stand_in.run = raising(TypeError("mistake"))
     with pytest.raises(TypeError, match="mistake"):
