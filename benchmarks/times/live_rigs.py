@@ -87,8 +87,8 @@ def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
     places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-2.0, 2.1, 1.0)]
     room = make_room(seed)
     save_map(folder / "map", graph_of(room, SPHERE, places))
-    phases = 2 * np.pi * np.arange(LAP) / LAP
-    poses = [SE3.from_planar(REACH_M * np.sin(p), 0.1 * np.sin(2 * p), TURN * np.cos(p)) for p in phases]
+    phases = 2 * np.pi * np.arange(LAP) / LAP  # begins at rest, where it has stood: no vehicle drives off in an image
+    poses = [SE3.from_planar(REACH_M * np.cos(p), 0.1 * np.cos(2 * p), TURN * np.cos(p)) for p in phases]
     np.save(folder / "0.npy", np.stack([look(room, CAMERA, pose @ T_BODY_OPTICAL)[0] for pose in poses]))
     nodes = {"dense_localizer": {"map": f"{folder / 'map'}", "base_frame": "camera"}}
     periods = [SETTLE_S] * SETTLE + [1.0 / RATE] * round(RATE * (QUICK_SECONDS if is_quick else SECONDS))
