@@ -92,3 +92,13 @@ def test_residuals_have_the_derivatives_that_are_told(world):
         numeric, scale = (moved - residual) / size, np.abs(J[:, k]).max() + 1e-9
         # That a shift of the rows changes their time is left out: some per cent at this readout.
         assert np.percentile(np.abs(numeric - J[:, k]), 95) < 0.06 * scale
+
+
+def test_a_coarse_image_moves_a_lens_by_as_much_as_a_fine_one():
+    points, lens = np.array([[0.3, -0.2, 1.0], [-0.4, 0.1, 1.5]]), Lens.of(PINHOLE)
+    for index in (0, 2):
+        ahead, behind = (
+            np.stack([lens.moved(step).level(index).project(points)[0] for step in sign * 1e-4 * np.eye(9)[:8]], -1)
+            for sign in (1.0, -1.0)
+        )
+        np.testing.assert_allclose(lens.J_lens(points, index)[..., :8], (ahead - behind) / 2e-4, atol=1e-5)
