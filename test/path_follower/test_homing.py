@@ -60,6 +60,7 @@ def test_a_homing_car_drives_to_where_it_is_told_and_stands_there(goal):
     assert car.left < 0.7  # it is there within 0.5 m, and brakes on
     assert car.command.status.state == "FINISHED"
     assert car.command.status.verdict.reason is StopReason.END_OF_PATH
+    assert car.follower.start(car.now).startswith("END_OF_PATH")
     assert max(speeds) <= HomingParams().speed + 1e-9
     assert car.command.speed == 0.0
 

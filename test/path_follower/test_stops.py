@@ -125,19 +125,13 @@ def test_a_clock_that_stands_or_jumps_back_stops(kit, straight, yaw, sign):
     assert follower.mode.state is FollowerState.STOPPED
 
 
-@pytest.fixture
-def driving(kit):
-    points = kit.course((40, 0))
-    follower = Follower(PARAMS, kit.make_path(points[:, :2], PARAMS, points[:, 2]))
-    drive = kit.run(follower, (0, 0, 0), seconds=6.0)
-    assert drive.commands[-1].speed > 1.0
-    return follower, drive.poses[-1], drive.commands[-1].stamp_ns
-
-
-def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(driving):
-    follower, pose, now = driving
+def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS))
+    last = kit.run(follower, (0, 0, 0), seconds=6.0)
+    assert last.commands[-1].speed > 1.0
     follower.stand(Verdict(StopReason.OPERATOR))
-    assert follower.update(pose, None, now + SECOND // 20, "TRACKING").speed == 0.0
+    now = last.commands[-1].stamp_ns + SECOND // 20
+    assert follower.update(last.poses[-1], None, now, "TRACKING").speed == 0.0
     assert (follower.mode.state, follower.mode.is_armed) == (FollowerState.STOPPED, False)
 
 

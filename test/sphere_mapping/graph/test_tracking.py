@@ -149,6 +149,7 @@ def test_a_key_sphere_that_is_unrolled_anew_is_measured_anew():
     (measured,) = found.edges
     for T_map_sphere in (found[1].T_map_sphere, tracker.motion.newest, found[0].T_map_sphere @ measured.T_a_b):
         assert T_map_sphere.distance(POSES[2])[0] < 0.003
+    assert tracker.motion.newest.distance(found[1].T_map_sphere)[0] < 1e-9  # the vehicle goes along
     assert tracker.is_key
 
 
