@@ -23,7 +23,7 @@ def test_a_vehicle_with_a_wrong_lens_is_as_unsure_of_its_place_as_that_makes_it(
     prior.start(T_MAP_CAMERA, np.eye(6), 1)
     lens.add([Stretch("", 0.2, 0.003, np.ones(6))], 1)
     told = report_estimate(states, prior, 1, FINE, None, lens)
-    np.testing.assert_allclose(told.covariance, np.eye(6) + 0.2**2, rtol=0.01)
+    np.testing.assert_allclose(told.covariance, np.eye(6) + 0.04, rtol=0.01)
 
 
 def test_errors_and_velocity_of_the_camera_are_those_of_the_base(rng):
