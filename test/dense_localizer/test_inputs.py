@@ -8,6 +8,7 @@ from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
+from sphere_nav.spheres.range_alignment import DepthImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
@@ -33,6 +34,14 @@ def test_a_camera_that_was_later_is_where_the_body_went(room):
     (seen,) = Inputs(PARAMS, 1e6).check((later,), 3 * SECOND, velocity=step.log()).images
     expected = step @ SE3.exp(0.01 * step.log()) @ MOUNT
     np.testing.assert_allclose(seen.pose(step).matrix, expected.matrix, atol=1e-12)
+
+
+def test_a_depth_camera_on_the_vehicle_sees_the_map_from_where_it_is(room):
+    beside = SE3.exp([0.05, 0.0, -0.02, 0.0, 0.1, 0.0])
+    depth = DepthImage(np.ones((120, 160)), PINHOLE, beside)
+    image = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, MOUNT, depth=depth)
+    found = Inputs(PARAMS, 1e6).check((image,), SECOND).depth
+    np.testing.assert_allclose(found.T_image_depth.matrix, (MOUNT @ beside).matrix)
 
 
 def test_still_images_are_a_fault_of_a_camera_that_moves_or_may(room):

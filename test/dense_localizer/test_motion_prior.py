@@ -22,18 +22,14 @@ def poses(number: int) -> list[SE3]:
 
 
 class Rotations:
-    """What images show of the rotation since the last one: where they do not support a motion, and in any case."""
+    """What images show of the rotation since the last one, where they do not support a motion."""
 
-    def __init__(self, refined=None, measured=None) -> None:
-        self.refined, self.measured, self.motions, self.num_measured = refined, measured, [], 0
+    def __init__(self, refined=None) -> None:
+        self.refined, self.motions = refined, []
 
     def refine(self, images, T_before_now):
         self.motions.append(T_before_now)
         return self.refined
-
-    def measure(self, images):
-        self.num_measured += 1
-        return self.measured
 
 
 def moving(rotations: Rotations | None = None) -> tuple[PosePrior, list[SE3]]:
@@ -106,17 +102,15 @@ def test_odometry_replaces_velocity():
     assert np.sqrt(prediction.covariance[0, 0]) < 0.03  # 5 % of 0.3 m, and the alignment before
 
 
-def test_a_measured_rotation_replaces_the_predicted_one():
+def test_odometry_from_before_a_pose_was_found_anew_moves_it_no_more():
     prior, truth = moving()
-    turn = SE3.exp([0, 0, 0, 0.2, 0.1, 0])
-    found = prior.predict(2 * STEP_NS, T_before_now=turn).T_map_camera
-    np.testing.assert_allclose(found.rotation, truth[1].rotation @ turn.rotation, atol=1e-12)
-    np.testing.assert_allclose(found.translation, truth[2].translation, atol=1e-12)
+    prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
+    prior.start(truth[4], TIGHT, 4 * STEP_NS, T_odom_camera=truth[0])
+    assert_same(prior.predict(5 * STEP_NS, T_odom_camera=truth[1]).T_map_camera, truth[5])
 
 
 def test_wheels_that_may_be_wrong_are_tried_without_once_the_likeliest_fails():
-    rotations = Rotations(measured=SE3.exp([0, 0, 0, 0.2, 0.1, 0]))
-    prior, truth = moving(rotations)
+    prior, truth = moving(Rotations())
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
     predictions = prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION))
     likeliest, by_velocity = predictions
@@ -128,7 +122,7 @@ def test_wheels_that_may_be_wrong_are_tried_without_once_the_likeliest_fails():
 
 def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
     turn = SE3.exp([0, 0, 0, 0.2, 0.1, 0])
-    rotations = Rotations(refined=turn, measured=turn)
+    rotations = Rotations(refined=turn)
     prior, truth = moving(rotations)
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
     first = next(prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION)))

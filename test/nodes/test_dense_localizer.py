@@ -1,5 +1,7 @@
 """The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sphere_nav_msgs.srv import LoadMap, Relocalize
@@ -152,6 +154,15 @@ def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     refused = call("relocalize", Relocalize.Request(has_guess=True, guess=guess))
     assert not refused.success
     assert "from a key sphere" in refused.message
+
+
+def test_a_drive_that_is_learnt_is_complete_once_another_map_is_loaded(map_path, monkeypatch):
+    ended = []
+    kept = SimpleNamespace(close=lambda: ended.append("drive"))
+    monkeypatch.setattr("dense_localizer.ros.node.DriveRecorder", lambda *_, **how: kept)
+    bench = Bench(map_path, learn=True)
+    bench.node.endpoints.call("load_map", LoadMap.Request(path=str(map_path)))
+    assert ended == ["drive"]
 
 
 def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_path, pictures, tmp_path):

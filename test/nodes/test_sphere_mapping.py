@@ -1,5 +1,7 @@
 """The node sphere_mapper on an offline bus: every kind of input, what it tells, calls, refusals; and over real DDS."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu
@@ -21,7 +23,8 @@ from sphere_nav.ros.conversions import (
     transform_to_se3,
 )
 from sphere_nav.ros.maps.reader import open_map
-from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, stamp
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.recordings import CAMERA, FIRST, FRAME, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, stamp
 
 T_ROOM_MAP = FIRST @ T_BASE_CAMERA.inverse()  # where the vehicle was when the drive began; it stood level
 
@@ -167,6 +170,16 @@ def test_however_the_camera_is_mounted_the_vehicle_drives_the_same_path(mounting
     assert up == pytest.approx(1.0, abs=1e-9)
 
 
+def test_a_vehicle_whose_camera_is_far_ahead_is_unsure_aside_where_that_is_unsure_of_its_heading():
+    bench = Bench(input="rgbd", mounting="2,0,1,0,0,0")
+    bench.drive(rgbd, [0])
+    found = SimpleNamespace(covariance=np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 0.01]), mad=0.0)
+    update = SimpleNamespace(stamp_ns=stamp(1), alignment=found, is_key=False)
+    bench.node.publish_pose(update, bench.node.mapper.graph[0].T_map_sphere)
+    bench.settle()
+    np.testing.assert_allclose(bench.said["/odometry"][-1].pose.covariance[7:12:4], [0.04, -0.02], atol=1e-9)
+
+
 def imu(number, R_base_imu, R_level_base):
     message = Imu(header=header(stamp(0) + number * 5_000_000, "imu_link"))
     force = R_base_imu.T @ R_level_base.T @ [0.0, 0.0, 9.81]
@@ -175,13 +188,17 @@ def imu(number, R_base_imu, R_level_base):
     return message
 
 
-@pytest.mark.parametrize("roll", [0.0, np.pi])
-def test_gravity_levels_the_map_unless_the_imu_is_of_another_frame(roll):
-    T_base_imu = SE3.from_angles(np.pi / 2, 0.0, 0.3, [0.0, 0.0, 0.4])
+@pytest.mark.parametrize(("roll", "is_in_camera"), [(0.0, False), (np.pi, False), (0.0, True)])
+def test_gravity_levels_the_map_unless_the_imu_is_of_another_frame(roll, is_in_camera):
+    """One in a camera whose place a parameter gives is where /tf says that it is in the camera."""
+    T_base_imu = SE3.from_angles(np.pi / 2, 0.2, 0.3, [0.0, 0.0, 0.4])
     R_level_base = SE3.from_angles(roll + 0.02, 0.1, 0.0, np.zeros(3)).rotation
-    bench = Bench(input="rgbd")
+    bench = Bench(input="rgbd", mounting="0.4,0,1.1,0,0,0" * is_in_camera)
     place = se3_to_transform(T_base_imu, stamp(0), "base_link", "imu_link")
-    bench.send(("/tf_static", TFMessage(transforms=[*mount().transforms, place])))
+    if is_in_camera:
+        T_base_lens = T_BASE_CAMERA @ T_BODY_OPTICAL
+        place = se3_to_transform(T_base_lens.inverse() @ T_base_imu, stamp(0), FRAME, "imu_link")
+    bench.send(("/tf_static", TFMessage(transforms=[*mount().transforms[3 * is_in_camera :], place])))
     bench.send(*(("imu", imu(number, T_base_imu.rotation, R_level_base)) for number in range(-30, 0)))
     bench.send(*rgbd(0))
     T_map_base, _ = odometry_to_se3(bench.said["/odometry"][0])

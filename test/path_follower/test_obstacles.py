@@ -43,14 +43,6 @@ def test_a_vehicle_in_a_bend_stops_for_what_stands_in_the_bend(kit):
     assert count(path, outside, pose, 3.0) == 0
 
 
-def test_backwards_the_rear_sweeps(kit):
-    back = kit.course((-20, 0))
-    path = kit.make_path(back[:, :2], PARAMS, back[:, 2])
-    pose = Pose2(-5, 0, 0)
-    assert count(path, [(-2.0, 0.0)], pose) == 1
-    assert count(path, [(3.0, 0.0)], pose) == 0
-
-
 def test_an_offset_from_the_path_moves_the_footprint_with_the_vehicle(straight):
     beside = Pose2(10, 0.5, 0)
     assert count(straight, [(3.0, 0.6)], beside) == 1

@@ -69,13 +69,6 @@ def test_a_speed_is_eased_into_and_out_of(step):
     assert reached == pytest.approx(1.5 / 0.7 + 0.35, abs=0.2)
 
 
-def test_without_a_curvature_the_wheels_stay():
-    limiter = Limiter(CAR)
-    for k in range(40):
-        turned = limiter.limit(1.0, 0.2, k * STEP, is_hard=False)
-    assert limiter.limit(0.0, None, 40 * STEP, is_hard=True).steering_angle == turned.steering_angle
-
-
 @pytest.mark.parametrize("age_ns", [0, 100_000_000, 170_000_000])
 def test_a_car_is_predicted_where_it_will_be(age_ns):
     actuation = ActuationParams(dead_time=0.08, steering_lag=0.3, speed_lag=0.2)

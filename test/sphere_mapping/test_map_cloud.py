@@ -20,13 +20,6 @@ def cloud_of(*nodes, **values):
     return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
 
 
-def test_points_are_in_the_map_frame_at_their_range():
-    points, values = cloud_of(node(2, 3.0), step=1)
-    assert points.shape == (512, 3)
-    np.testing.assert_allclose(np.linalg.norm(points - [20.0, 0, 0], axis=1), 3.0, rtol=1e-5)
-    assert set(values) == {52}
-
-
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
     points, values = cloud_of(node(0, 3.0), node(1, 3.0), step=1, max_points=600)
     assert len(points) == len(values) == 600

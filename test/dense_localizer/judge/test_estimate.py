@@ -10,16 +10,20 @@ from dense_localizer.params import PriorParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import StateParams
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import Reason, State, Status, Verdict
+from sphere_nav.localization.status import FINE, Reason, State, Status, Verdict
 from sphere_nav.photometric.checks.lens import Stretch
 
 T_BASE_CAMERA = SE3.exp([0.5, 0.1, 1.2, -0.3, 0.2, 1.1])
 T_MAP_CAMERA = SE3.exp([3.0, 1.0, 1.0, 0.1, -0.2, 0.7])
 
 
-def test_without_a_pose_only_the_status_is_left():
-    estimate = CameraEstimate(Status(State.LOST)).expose_candidate().to_base(T_BASE_CAMERA)
-    assert (estimate.status.state, estimate.T_map_base) == (State.LOST, None)
+def test_a_vehicle_with_a_wrong_lens_is_as_unsure_of_its_place_as_that_makes_it():
+    states, lens, prior = StateMachine(StateParams()), LensWatch(), PosePrior(PriorParams())
+    states.state = State.TRACKING
+    prior.start(T_MAP_CAMERA, np.eye(6), 1)
+    lens.add([Stretch("", 0.2, 0.003, np.ones(6))], 1)
+    told = report_estimate(states, prior, 1, FINE, None, lens)
+    np.testing.assert_allclose(told.covariance, np.eye(6) + 0.04, rtol=0.01)
 
 
 def test_errors_and_velocity_of_the_camera_are_those_of_the_base(rng):

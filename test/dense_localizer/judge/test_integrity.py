@@ -1,18 +1,22 @@
 from dataclasses import replace
 from functools import reduce
 from operator import or_
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dense_localizer.constants import MIN_VISIBLE_SHARE
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.judge.acceptance import Acceptance
+from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References, RigChoice
 from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, Reason, State
+from sphere_nav.localization.status import FINE, TRUSTED, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -61,6 +65,17 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
         found.append(np.diag(Integrity(references, params).assess(chosen, aligned, guess).covariance))
     np.testing.assert_allclose(found[1] - found[0], [0.008**2] * 3 + [0.0] * 3, atol=1e-6)  # a fifth may remain
     references.close()
+
+
+def test_who_walks_by_makes_the_map_no_less_certain():
+    seen = []
+    references = SimpleNamespace(error=SimpleNamespace(observe=lambda images, *_: seen.append(images)))
+    integrity, accepted = Integrity(references, LocalizerParams()), Acceptance(True, True, FINE, 1.0)
+    given = SE3.identity(), np.eye(6), Prediction.guess(SE3.identity()), None, accepted, object()
+    for is_biased in [True] * INTEGRITY_PERIOD + [False] * INTEGRITY_PERIOD:
+        one = PoseCandidate(*given, images=(is_biased,), is_biased=is_biased, is_by_range=True)
+        integrity.confirm(LocalizerInput(1), one, State.TRACKING)
+    assert seen == [(False,)]
 
 
 def test_a_view_that_no_key_sphere_covers_is_refused_by_how_little_they_cover(room_map):

@@ -67,14 +67,6 @@ def test_what_was_told_long_ago_is_forgotten():
     assert not watch.covariance.any()
 
 
-def test_an_image_that_tells_nothing_changes_nothing():
-    watch = told(*[0.05] * 4)
-    before = watch.covariance
-    watch.add([], 99)
-    assert watch.finding.reason is Reason.BAD_INFO
-    np.testing.assert_array_equal(watch.covariance, before)
-
-
 @pytest.fixture
 def asked(monkeypatch):
     """The images that are asked, and whether as clear ones; each tells 5 %."""

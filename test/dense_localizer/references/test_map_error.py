@@ -61,13 +61,14 @@ def test_a_map_once_thought_wrong_is_trusted_again(room, room_map):
 
 
 def test_edges_tell_their_errors_in_the_axes_of_the_camera():
-    nodes = [KeySphere(i, i, SE3.from_planar(i, 0, 0)) for i in range(3)]
+    nodes = [KeySphere(i, i, SE3.from_planar(i, 0, 0.4 * i)) for i in range(3)]
     variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
-    edge = Edge(0, 1, SE3.from_planar(1, 0, 0), np.diag(1 / variance))
+    edge = Edge(0, 1, nodes[1].T_map_sphere, np.diag(1 / variance))
     error = MapError(SphereGraph(nodes, [edge]), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
-    T_sphere_camera = SE3.from_planar(0.3, 0.1, np.pi / 2)
-    expected = EDGE_ERROR * variance[[1, 0, 2, 4, 3, 5]]
-    np.testing.assert_allclose(np.diagonal(error.covariance(0, T_sphere_camera)), expected, rtol=1e-9)
+    T_sphere_camera = SE3.from_planar(0.3, 0.1, 0.6)
+    R = np.kron(np.eye(2), nodes[1].T_map_sphere.rotation.T @ T_sphere_camera.rotation)
+    found = R @ error.covariance(0, T_sphere_camera) @ R.T
+    np.testing.assert_allclose(found, EDGE_ERROR * np.diag(variance), atol=1e-12)
     assert not error.covariance(2, T_sphere_camera).any()
 
 

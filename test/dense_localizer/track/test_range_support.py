@@ -53,7 +53,8 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
         return SimpleNamespace(likeness=likeness[one], T_a_b=T_guess @ SLIP, honest_covariance=np.eye(6))
 
     monkeypatch.setattr("dense_localizer.track.range_support.measure_motion_by_ranges", measure)
-    error = SimpleNamespace(covariance=lambda *_: np.zeros((6, 6)))
+    by_map = np.diag([4.0, 1.0, 2.0, 0.5, 3.0, 6.0])
+    error = SimpleNamespace(covariance=lambda *_: by_map)
     support = RangeSupport(SimpleNamespace(covering=lambda *_: nodes, error=error), None)
     monkeypatch.setattr(support, "_range_of", lambda one: one)
     depth = DepthImage(np.ones((96, 128)), DEPTH_CAMERA, T_IMAGE_DEPTH)
@@ -62,7 +63,7 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
     expected = at(0.5, 0.0, 0.3) @ T_IMAGE_DEPTH @ SLIP @ T_IMAGE_DEPTH.inverse()
     np.testing.assert_allclose(T_map_body.matrix, expected.matrix, atol=1e-12)
     Ad = T_IMAGE_DEPTH.adjoint()
-    np.testing.assert_allclose(covariance, Ad @ Ad.T, atol=1e-12)
+    np.testing.assert_allclose(covariance, Ad @ (np.eye(6) + by_map) @ Ad.T, atol=1e-12)
 
 
 def night(image):

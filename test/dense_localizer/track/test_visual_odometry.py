@@ -54,6 +54,12 @@ def test_a_way_without_the_map_is_the_less_sure_the_longer_it_is(room):
     assert sigmas[0] < sigmas[1] < sigmas[2]
 
 
+def test_a_place_that_was_unsure_along_the_street_stays_so_however_the_camera_turns():
+    turned, start = SE3.from_planar(0.0, 0.0, 0.6), np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    found = Way(SE3.identity(), start, 0).covariance_at(turned)[:3, :3]
+    np.testing.assert_allclose(turned.rotation @ found @ turned.rotation.T, start[:3, :3], atol=1e-12)
+
+
 def test_a_way_by_images_alone_drifts_with_its_length():
     way = Way(SE3.identity(), np.zeros((6, 6)), 0)
     for k in range(10):

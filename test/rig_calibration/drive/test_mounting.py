@@ -59,6 +59,13 @@ def test_a_straight_drive_does_not_show_the_place():
     assert not {"pitch", "yaw"} & set(found.unobserved)
 
 
+def test_a_straight_drive_turns_a_camera_that_looks_aside_about_what_it_tells_alone():
+    given, tilt = SE3.from_angles(0.0, 0.0, 1.4, [0.5, 0.0, 1.2]), SE3.exp([0.0, 0.0, 0.0, 0.0, 0.05, 0.0])
+    camera = SE3.from_parts(tilt.rotation @ given.rotation, given.translation)
+    found = find_mounting(*drive(np.random.default_rng(6), turns=0.0, camera=camera), given).T_base_camera
+    assert found.matrix == pytest.approx(camera.matrix, abs=0.005)
+
+
 @pytest.mark.slow
 def test_deviations_are_those_of_the_errors():
     off = []

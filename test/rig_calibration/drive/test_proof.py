@@ -64,11 +64,13 @@ def off_in_sigmas(judged, truth):
     return np.abs(judged.found.lens.values[:MAP] - truth.values) / sigma
 
 
-def test_a_wrong_lens_is_replaced(rooms):
+def test_a_wrong_lens_is_replaced_by_one_that_is_as_unsure_as_its_halves_differ(rooms):
     judged = prove(drive(rooms, rooms[1], [CAMERA] * 6, OTHER), Lens.of(OTHER))
     assert judged.reasons == ()
     assert off_in_sigmas(judged, Lens.of(CAMERA, READOUT_S)).max() < 3.0
     assert judged.found.lens.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)
+    off = 0.5 * (judged.halves[0].values - judged.halves[1].values)
+    assert off @ np.linalg.solve(judged.found.covariance, off) < 1.0
 
 
 @pytest.mark.slow

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,6 +74,15 @@ def test_two_ways_that_disagree_are_no_motion_and_widen_it_where_they_nearly_agr
     assert unsure is not None
     assert np.trace(unsure.covariance[:3, :3]) > 2 * np.trace(sure.covariance[:3, :3])
     assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_GAP[0] / 2  # half way
+
+
+def test_a_way_back_that_is_unsure_along_the_street_makes_a_turned_sphere_unsure_along_it():
+    turned = SE3.from_planar(0.0, 0.0, 0.6)
+    forward = SimpleNamespace(T_world_camera=turned, covariance=np.zeros((6, 6)))
+    back = SimpleNamespace(T_world_camera=turned.inverse(), covariance=np.diag([2.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    found = agree(forward, back).covariance[:3, :3]
+    along, across, _ = turned.rotation
+    assert across @ found @ across < 0.01 < 0.99 < along @ found @ along
 
 
 def test_another_room_confirms_nothing():

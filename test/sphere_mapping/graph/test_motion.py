@@ -43,13 +43,6 @@ def test_odometry_goes_before_velocity_whatever_its_frame():
     close(moving().predict(200, T_odom_map), STEP @ STEP)  # not heard before: cannot be used
 
 
-def test_a_correction_of_the_map_moves_the_prediction_with_it():
-    prior, T_new_old = moving(), SE3.exp([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])
-    prior.transform(T_new_old)
-    close(prior.predict(200), T_new_old @ STEP @ STEP)
-    close(prior.newest, T_new_old @ STEP)
-
-
 def test_an_expectation_is_as_sure_as_what_it_is_made_of():
     """By velocity it errs by accelerations of 5 m/s^2 and 10 rad/s^2, by odometry by a tenth of the motion."""
     moving_on = DriveMotion()

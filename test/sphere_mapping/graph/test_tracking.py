@@ -10,7 +10,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.room import sharp_room
 
 PARAMS = MapperParams()
@@ -48,6 +48,14 @@ def test_the_next_sphere_is_placed_with_and_without_a_velocity(num_placed, has_f
     found = tracker.align(prepared(POSES[num_placed], num_placed), None, graph)
     assert found.is_converged
     assert found.T_world_camera.distance(POSES[num_placed])[0] < 0.005
+
+
+def test_where_a_loop_moves_the_map_the_vehicle_goes_along_with_its_key_sphere():
+    tracker, _ = started(3)
+    before, corrected = SE3.from_planar(1.0, 2.0, 0.5), SE3.from_planar(1.3, 1.9, 0.7)
+    tracker.follow(*(SphereGraph([KeySphere(0, 0, pose)]) for pose in (before, corrected)))
+    found = corrected.inverse() @ tracker.motion.predict(3 * PERIOD_NS)
+    np.testing.assert_allclose(found.matrix, (before.inverse() @ POSES[3]).matrix, atol=1e-12)
 
 
 def test_a_jump_that_no_vehicle_makes_is_refused_however_well_it_fits():
@@ -141,6 +149,7 @@ def test_a_key_sphere_that_is_unrolled_anew_is_measured_anew():
     (measured,) = found.edges
     for T_map_sphere in (found[1].T_map_sphere, tracker.motion.newest, found[0].T_map_sphere @ measured.T_a_b):
         assert T_map_sphere.distance(POSES[2])[0] < 0.003
+    assert tracker.motion.newest.distance(found[1].T_map_sphere)[0] < 1e-9  # the vehicle goes along
     assert tracker.is_key
 
 

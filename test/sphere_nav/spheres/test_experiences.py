@@ -38,14 +38,6 @@ def test_a_drive_by_night_tells_nothing_of_the_day():
     assert [node.served for node in in_both] == [8.0 * 0.875, 8.0 * 0.625 + 3.0, 4.0 * 0.875 + 1.0, 0.0]
 
 
-def test_what_was_driven_in_once_is_worth_as_much_as_what_was_driven_in_often():
-    graph = with_experience(line(), NIGHT, [3])
-    for drive in range(5):
-        graph = with_service(graph, {0: Service(12, drive + 1)})
-    graph = with_service(graph, {}, {3: Service(12, 9)})
-    assert graph[3].served == graph[0].served == 12.0
-
-
 def test_nobody_has_counted_what_a_first_day_explains():
     """It begins with what the drive's own key spheres explain, and the drive counts as it does for others."""
     first = {2: Service(6, 7), 3: Service(3, 8)}

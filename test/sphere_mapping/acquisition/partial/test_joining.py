@@ -28,6 +28,12 @@ def test_different_exposures_are_made_equal():
     np.testing.assert_allclose(gains / gains[0], 1.0, atol=0.01)
 
 
+def test_where_one_camera_measures_no_depth_that_of_another_is_kept():
+    blind, other = patch(0, range_value=np.nan), patch(16, range_value=3.0)
+    _, range_m = join_views([blind, other], WHOLE)
+    assert np.all(range_m[16:48, 16:64] == 3.0)
+
+
 def test_a_closed_ring_has_no_seam_and_no_hole():
     for color in (False, True):
         image, range_m = join_views(ring(color=color), WHOLE)

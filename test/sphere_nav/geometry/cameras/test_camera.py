@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import DoubleSphere, Fisheye
-from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
+from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.spherical import Spherical
 
@@ -101,13 +101,6 @@ def test_an_uncalibrated_camera_an_empty_image_or_an_impossible_sphere_is_refuse
             Spherical(*arguments)
 
 
-def test_pixel_rays_lead_back_to_their_pixels():
-    camera = Pinhole(4, 3, 5.0, 6.0, 1.2, 0.7)
-    pixels, is_inside = camera.project(pixel_rays(camera))
-    np.testing.assert_allclose(pixels, pixel_grid(camera), atol=1e-12)
-    assert is_inside.all()
-
-
 SPHERE = Spherical(512, 256)
 
 
@@ -137,13 +130,6 @@ def test_a_window_is_a_cut_of_the_whole_sphere_and_does_not_see_what_is_outside(
     window = Spherical(200, 100, 512.0, 420.0, 80.0)
     outside = np.array([[-2.0, 50.0], [201.0, 50.0], [100.0, -2.0], [100.0, 101.0]])
     assert not window.project(window.unproject(outside))[1].any()
-
-
-def test_halving_keeps_a_window_inside_the_same_sphere():
-    half = Spherical(200, 100, 512.0, 421.0, 81.0).halve()
-    assert (half.full_width, half.offset_u, half.offset_v) == (256.0, 210.5, 40.5)
-    assert not half.is_whole
-    assert SPHERE.halve().is_whole
 
 
 def test_the_derivative_stays_finite_at_the_poles():

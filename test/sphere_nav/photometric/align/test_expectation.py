@@ -61,6 +61,14 @@ def test_a_sure_one_holds_the_pose_and_is_in_its_covariance_alone_and_on_a_body(
     assert (other.T_world_camera @ T_BODY_CAMERA).distance(found.T_world_camera) < (1e-4, 1e-4)
 
 
+def test_a_camera_on_level_ground_is_as_sure_of_its_height_and_tilt_as_the_ground_is_even(seen):
+    alone = register_rig([seen], TRUE, PARAMS)
+    known = np.linalg.inv(alone.covariance) * HEIGHT_AND_TILT
+    found = register_rig([seen], TRUE, PARAMS, expected=Expectation(alone.T_world_camera, known))
+    gained = np.linalg.inv(found.covariance) - np.linalg.inv(alone.covariance)
+    np.testing.assert_allclose(np.diagonal(gained)[2:5], np.diagonal(known)[2:5], rtol=0.05)
+
+
 def test_a_pose_by_images_and_what_was_expected_meet_where_both_are_as_sure():
     expected = Expectation(TRUE, 100.0 * HEIGHT_AND_TILT)
     step = np.array([0.3, 0.0, 0.02, 0.0, 0.0, 0.0])

@@ -29,12 +29,12 @@ MOUNT = SE3.exp([0.5, 0.0, 1.4, -0.3, 0.1, 0.3])
 
 
 class Gate:
-    def __init__(self, *, has_sphere_info=False, **values):
+    def __init__(self, *, has_sphere_info=False, rig=None, **values):
         self.bus, self.pictures, self.refusals = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
         callbacks = self.pictures.append, lambda stamp, finding: self.refusals.append((stamp // SECOND, finding))
         params = NodeParams(**values)
-        self.intake = Cameras(self.node.endpoints, params, *callbacks, has_sphere_info=has_sphere_info)
+        self.intake = Cameras(self.node.endpoints, params, *callbacks, rig=rig, has_sphere_info=has_sphere_info)
 
     def image(self, second, frame="optical", encoding="mono8"):
         self.send("image_raw", array_to_image(PIXELS, second * SECOND, frame, encoding))
@@ -111,6 +111,12 @@ def test_no_transform_is_needed_where_the_camera_is_the_base_or_its_mounting_is_
         np.testing.assert_allclose(gate.pictures[0].T_base_camera.matrix, expected.matrix, atol=1e-12)
 
 
+def test_a_panorama_that_is_mounted_on_the_base_looks_ahead():
+    gate = Gate(mounting="1,2,3,0,0,0", is_panorama=True)
+    gate.image(1)
+    np.testing.assert_allclose(gate.pictures[0].T_base_camera.matrix, SE3.from_parts(np.eye(3), [1, 2, 3]).matrix)
+
+
 def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
     gate = Gate()
     gate.info(focal=0.0)
@@ -145,6 +151,15 @@ def test_an_unknown_encoding_is_named_and_not_blamed_on_the_calibration():
     assert "nonsense" in finding.detail
     assert finding.advice.startswith("publish a usual encoding")
     assert "nonsense" in next(item for item in gate.node.inputs if item.topic == "image_raw").last_refusal
+
+
+def test_of_a_rig_whose_images_nobody_can_read_it_is_told_why():
+    gate = Gate(rig=RigParams(cameras="left,right"))
+    for name in ("left", "right"):
+        gate.mount(name)
+        gate.send(f"cameras/{name}/camera_info", camera_to_info(CAMERA, SECOND, name))
+        gate.send(f"cameras/{name}/image_raw", Image(header=header(SECOND, name), encoding="nonsense"))
+    assert gate.reasons() == [(1, "BAD_INFO")] * 2
 
 
 def test_a_compressed_image_is_unpacked_only_if_its_size_is_the_cameras():

@@ -96,16 +96,6 @@ def test_odometry_on_tf_may_come_after_the_image():
     assert [item[:2] for item in world.pass_time(SECOND // 10)] == [("map", "odom")] * 2
 
 
-def test_no_vehicle_gets_two_parents_in_the_tree():
-    world = World()
-    world.transform.update(T_MAP_BASE, world.now)
-    assert world.sent()[0][:2] == ("map", "base_link")
-    world.pass_time(SECOND // 10)
-    world.tf()
-    world.transform.update(T_MAP_BASE, world.now)
-    assert {item[:2] for item in world.sent() + world.pass_time(SECOND // 5)} == {("map", "odom")}
-
-
 def test_silent_odometry_is_told_after_half_a_second_and_nothing_is_sent():
     world = World()
     world.odom()

@@ -42,14 +42,6 @@ def test_a_lost_vehicle_is_an_error_in_the_diagnostics():
         assert world.outputs.state is State(state)
 
 
-def test_without_trust_only_the_status_goes_out():
-    world = World()
-    world.outputs.publish(BaseEstimate(Status(State.PROBATION, stamp_ns=STAMP_NS)))
-    said = world.said()
-    assert set(said) == {"/status"}
-    assert said["/status"].map_id == "yard"
-
-
 def test_a_turned_vehicle_is_unsure_along_the_axes_of_the_map():
     world, T_map_base = World(), SE3.exp([1.0, 2.0, 0.5, 0.4, -0.8, 1.2])
     local = np.diag([4e-4, 1e-4, 1e-6, 1e-6, 4e-6, 9e-6])  # sure along the view, unsure across
