@@ -31,7 +31,7 @@ class EdgeSearch:
         self._references, self._count = references, 0
 
     def propose(self, seen: RigImage, T_level_body: SE3) -> list[Guess]:
-        """Return poses at the headings whose edges agree most, the likeliest first; each also before and behind.
+        """Return poses at the headings whose edges agree most, the likeliest first; that one also before and behind.
 
         `T_level_body`: body axes, heading 0.
         """
@@ -43,7 +43,8 @@ class EdgeSearch:
                 T_sphere_camera = SE3.from_planar(0.0, 0.0, heading.yaw) @ T_level_camera
                 guesses.append(Guess(node, node.T_map_sphere @ T_sphere_camera, heading.score))
         ahead = find_body_axes(seen.pyramid.cameras[0]).rotation.T[:, 0]
-        return [one for guess in select_best(guesses, NUM_BY_EDGES) for one in self._step(guess, ahead)]
+        best = select_best(guesses, NUM_BY_EDGES)
+        return [one for guess in best[:1] for one in self._step(guess, ahead)] + best[1:]
 
     def _next_nodes(self) -> list[KeySphere]:
         """Return all key spheres, of a large map every so many-th, beginning with another one each time."""

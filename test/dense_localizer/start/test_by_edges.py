@@ -43,10 +43,11 @@ def test_a_start_from_nowhere_is_found_in_another_light(references):
     assert result.candidate.T_map_camera.distance(pose) < (0.03, 0.01)
 
 
-def test_edges_say_at_which_heading_to_try_the_sphere_and_before_and_behind_it(references):
+def test_edges_say_at_which_heading_to_try_the_sphere_and_before_and_behind_it_and_the_next_likely_one(references):
     pose = at(0.4, 0.1, 0.3)
     tried = EdgeSearch(references).propose(seen(pose), SE3.identity())
-    middle, behind, before = (one.T_map_camera for one in tried[:3])
+    middle, behind, before, other = (one.T_map_camera for one in tried)
+    assert other.distance(references.node(tried[3].node.id).T_map_sphere)[0] == pytest.approx(0.0, abs=1e-9)
     assert middle.distance(references.node(tried[0].node.id).T_map_sphere)[0] == pytest.approx(0.0, abs=1e-9)
     assert middle.distance(pose)[1] < 0.06
     reach = 0.2 * references.coarse[tried[0].node.id].typical_range_m
