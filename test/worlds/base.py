@@ -70,6 +70,7 @@ class Base:
         self.start = self.node.create_client(Trigger, "path_follower/start")
         self.x, self.speed, self.reason, self.answer = 0.0, 0.0, "", ""
         self.commands, self.is_pressed, self.is_button_silent = [], False, False
+        self.held_up_s = 0.0  # the longest that this process itself was kept from listening
         self._due = self._told = self._asked = time.monotonic()
         self._call = None
 
@@ -89,10 +90,12 @@ class Base:
         """Let time pass until something is done; whether it was."""
         patience = self.patience(seconds)
         while patience.is_left() and not is_done():
-            if time.monotonic() >= self._due:
-                self._due = max(self._due + PERIOD, time.monotonic())
+            begun = time.monotonic()
+            if begun >= self._due:
+                self._due = max(self._due + PERIOD, begun)
                 self.speak()
             rclpy.spin_once(self.node, timeout_sec=max(self._due - time.monotonic(), 0.001))
+            self.held_up_s = max(self.held_up_s, time.monotonic() - begun - PERIOD)
         return is_done()
 
     def place(self):
