@@ -202,3 +202,11 @@ def test_noise_does_not_add_up_to_progress_while_the_vehicle_stands_paused(kit):
     assert max(progress) - progress[3] < 1e-9  # 0.03 m where each pose counts
     assert drive.final.state is FollowerState.FINISHED
     assert drive.poses[-1].x > 7.93  # a tolerance of 0.05 m, and 0.01 m that it rolls less
+
+
+def test_a_released_emergency_stop_waits_for_the_call_under_every_rule(kit, long_way):
+    params = FollowerParams(safety=SafetyParams(resume="standing"))
+    follower = Follower(params, kit.make_path(long_way[:, :2], params, long_way[:, 2]))
+    drive = kit.run(follower, (0, 0, 0), seconds=20, each=lambda now, f, car: f.emergency(is_pressed=6 < now < 7))
+    follower.emergency(is_pressed=False)
+    assert max(go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 5.0)) == 0.0

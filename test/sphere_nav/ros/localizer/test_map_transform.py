@@ -139,3 +139,13 @@ def test_an_image_of_this_time_is_sent_ahead_of_now_and_one_of_another_ahead_of_
     assert first[2] == expected + 100_000_000
     assert later[-1][2] == pytest.approx(expected + SECOND // 2 + 100_000_000, abs=50_000_001)  # 20 a second
     assert len(later) in (9, 10)
+
+
+def test_no_vehicle_gets_two_parents_in_the_tree():
+    world = World()
+    world.transform.update(T_MAP_BASE, world.now)
+    assert world.sent()[0][:2] == ("map", "base_link")
+    world.pass_time(SECOND // 10)
+    world.tf()
+    world.transform.update(T_MAP_BASE, world.now)
+    assert {item[:2] for item in world.sent() + world.pass_time(SECOND // 5)} == {("map", "odom")}

@@ -66,3 +66,11 @@ def test_a_state_that_flickers_is_logged_once_in_a_while(caplog):
             state = State.TRACKING if number % 2 else State.DEGRADED
             world.outputs.tell(Status(state, "" if number % 2 else "GAP", stamp_ns=STAMP_NS))
     assert [record.message.split(":")[0] for record in caplog.records] == ["DEGRADED", "TRACKING"]
+
+
+def test_without_trust_only_the_status_goes_out():
+    world = World()
+    world.outputs.publish(BaseEstimate(Status(State.PROBATION, stamp_ns=STAMP_NS)))
+    said = world.said()
+    assert set(said) == {"/status"}
+    assert said["/status"].map_id == "yard"
