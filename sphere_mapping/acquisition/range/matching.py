@@ -54,6 +54,7 @@ from sphere_mapping.acquisition.range.levels import (
     interpolate,
     is_borrowed,
     smooth_around,
+    twice,
     usable_at,
 )
 from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_threads
@@ -125,9 +126,7 @@ def _without_borrowed(found: Disparity, half: Pair, is_whole: bool) -> Disparity
     height, width = half[0].shape
     disparity = np.ascontiguousarray(found.value[::2, ::2][:height, :width] * np.float32(0.5))
     borrowed = is_borrowed(*half, disparity, is_whole=is_whole)
-    lost = cv2.resize(
-        np.where(borrowed, np.float32(np.nan), np.float32(0)), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST
-    )
+    lost = twice(np.where(borrowed, np.float32(np.nan), np.float32(0)))
     for plane in (found.value, found.std):
         plane[: 2 * height, : 2 * width] += lost
     return found

@@ -109,13 +109,14 @@ def is_same_detail(first: Floats, second: Floats, both: Flags, block: Block, cho
 
     Or neither has any. both: where (h, w) of the block both are seen.
     """
-    x, y = (block.cut(plane).astype(np.float64) for plane in (first, second))
-    side = (DETAIL_WINDOW, DETAIL_WINDOW)
+    known, side = both.astype(np.float32), (DETAIL_WINDOW, DETAIL_WINDOW)
+    # About their means, else single precision would be too little for the squares.
+    x, y = (known * (plane - np.mean(plane)) for plane in map(block.cut, (first, second)))
     sums = [
-        cv2.boxFilter(np.where(both, plane, 0.0), cv2.CV_64F, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for plane in (np.ones_like(x), x, y, x * x, y * y, x * y)
+        cv2.boxFilter(plane, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for plane in (known, x, y, x * x, y * y, x * y)
     ]
-    number, a, b, aa, bb, ab = (plane[*chosen.T] for plane in sums)
+    number, a, b, aa, bb, ab = (plane[*chosen.T].astype(np.float64) for plane in sums)
     number = np.maximum(number, 1.0)
     a, b = a / number, b / number
     aa, bb, ab = np.maximum(aa / number - a * a, 0.0), np.maximum(bb / number - b * b, 0.0), ab / number - a * b
