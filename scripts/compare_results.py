@@ -185,16 +185,17 @@ def commands(results: Results) -> None:
         values = {"trajectory": str(demo / "taught.tum"), "enable_stamped_cmd_vel": True, "source": source}
         node: Any = bus.add(PathFollowerNode, values)
         shell = getattr(node, "shell", node.endpoints)  # where a revision that is compared still has both
-        published, num_told = [], -1
+        published, num_told, asked_ns = [], -1, -1
         with BagReader(demo / "drive") as reader:
             for item in replay(reader, bus):
                 kind = type(item.message)
                 published.append((item.topic, f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}", item.message))
-                if item.topic == "/path_follower/status":
+                if item.topic == "/path_follower/status" and item.stamp_ns > asked_ns:
                     if num_told >= 0 or shell.call("start").success:
                         num_told += 1
                     if num_told in CALLS:
                         shell.call(CALLS[num_told])
+                    asked_ns = item.stamp_ns  # each call is answered by a status of the same time
         if num_told < 0:
             raise RuntimeError("path_follower: expected a start, found it refused to the end")
         results.add_messages(f"by {source}", published)
