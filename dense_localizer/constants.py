@@ -41,9 +41,7 @@ MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the 
 NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
 
 # Choice of an experience (references/test_likeness)
-LIKENESS_FORGETTING = 0.7  # weight of earlier images, from one to the next: about three count
 MIN_EDGE_LEAD = 0.05  # of the likeness of edges, below which two experiences look alike
-MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another experience must be more like the images
 
 # Prefetch (references/test_prefetch, references/test_reference)
 PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared

@@ -1,9 +1,8 @@
 """Which experience of a map looks like the present image: day or night, summer or winter (MTR's recommendation).
 
-Of the experiences within reach that of the last image is compared with the image, and another one in turn: one more
-comparison of coarse levels, however many there are. Where nothing is known, all of them, by their edges: these say more
-in a light that none of them has. What is in use changes only by what explained an image: an image that nothing explains
-looks like anything.
+Where nothing is known all experiences within reach are compared with the image by their edges: these say more than grey
+levels in a light that none of them has. What is in use changes only where it does not explain an image well and another
+one does: an image that nothing explains looks like anything.
 """
 
 from __future__ import annotations
@@ -14,13 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.constants import (
-    LIKENESS_FORGETTING,
-    MIN_COMPARED_POINTS,
-    MIN_EDGE_LEAD,
-    MIN_LIKENESS_LEAD,
-    NUM_COMPARED_POINTS,
-)
+from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -43,11 +36,10 @@ class Sight(NamedTuple):
     is_followed: bool
     instead_of: Tried = ()
     wanted: Experience | None = None
-    by_contrast: bool = False  # what explains the images now: how alike grey levels are says nothing then
 
 
 class ExperienceChoice:
-    """The experience in use, and how much each has looked like the last images, -1...1."""
+    """The experience in use."""
 
     def __init__(self, coarse: CoarseReferences) -> None:
         self._coarse = coarse
@@ -56,73 +48,41 @@ class ExperienceChoice:
     def reset(self) -> None:
         """Nothing is known of the last images."""
         self.current: Experience | None = None
-        self._means: dict[Experience, float] = {}
-        self._turn = 0
 
     def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
-        """Return the experience that looks most like the image; `within_reach`: the nearest key sphere of each.
+        """Return the experience in use while it explains images; `within_reach`: the nearest key sphere of each.
 
-        Where the last image was not followed by one, all are compared, and this image alone decides, by its edges;
-        among those that look nearly alike that of the first drive, by whose key spheres later ones were placed.
+        Else that whose edges are most like the image; of those nearly alike the first drive's, by whose key spheres
+        later ones were placed.
         """
-        current = self.current
-        if sight.wanted is not None and sight.wanted in within_reach:
-            return sight.wanted
-        if current is None or current not in within_reach or not sight.is_followed:
-            return self._choose_of_all(within_reach, sight)
-        if sight.by_contrast:
-            return current
-        others = [one for one in within_reach if one != current]
-        self._turn += 1
-        for one in (current, *others[self._turn % max(len(others), 1) :][:1]):
-            likeness = self.compare(within_reach[one], sight)
-            mean = self._means.get(one, likeness)
-            self._means[one] = LIKENESS_FORGETTING * mean + (1.0 - LIKENESS_FORGETTING) * likeness
-        best = max(within_reach, key=lambda one: self._means.get(one, -1.0))
-        return best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
-
-    def _choose_of_all(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
-        """Return the one most like the image by its edges, of those alike in these by grey levels."""
+        known = sight.wanted if sight.wanted in within_reach else self.current if sight.is_followed else None
+        if known is not None and known in within_reach:
+            return known
         if len(within_reach) == 1:
             return next(iter(within_reach))
         edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
-        self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
-        sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
-        needed = max(self._means[one] for one in sharp) - MIN_LIKENESS_LEAD
-        return min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id)
+        needed = max(edges.values()) - MIN_EDGE_LEAD
+        return min((one for one in edges if edges[one] >= needed), key=lambda one: within_reach[one].id)
 
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
-        """Return the one in use or else the one whose edges are most like the image, but none which did not do.
+        """Return the one in use, else the one whose edges are most like the image, but none which did not do.
 
         None: there is no other.
         """
         others = {one: node for one, node in within_reach.items() if one not in sight.instead_of}
-        self._means.update({one: self.compare(node, sight) for one, node in others.items()})
         if self.current in others:
             return self.current
         return max(others, key=lambda one: self.compare_edges(others[one], sight)) if others else None
 
     def adopt(self, experience: Experience) -> None:
-        """Go on with an experience that explained an image; one that looked more alike has to for some images again."""
-        if experience == self.current:
-            return
+        """Go on with an experience that explained an image."""
         self.current = experience
-        most = self._means.get(experience, -1.0)
-        self._means = {one: mean if mean <= most else -1.0 for one, mean in self._means.items()}
 
     def compare_edges(self, node: KeySphere, sight: Sight) -> float:
         """Return how alike edges of the image and of a key sphere are from there, whatever the light, -1...1."""
         T_sphere_camera = node.T_map_sphere.inverse() @ sight.T_map_camera
         view = cut_view(sight.level.unpadded, sight.level.camera, T_sphere_camera)
         return float(score_headings(view, self._coarse.panorama(node.id))[0])
-
-    def compare(self, node: KeySphere, sight: Sight) -> float:
-        """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""
-        level = self._coarse.reference(node.id).levels[-1]
-        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
-        points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        T_camera_sphere = (sight.T_map_camera.inverse() @ node.T_map_sphere).matrix[None]
-        return float(correlate_poses(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
 
 
 def score_poses(

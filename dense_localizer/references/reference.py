@@ -177,8 +177,7 @@ class References:
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
-            wanted = prediction.experience
-            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed, instead_of, wanted, by_contrast)
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed, instead_of, prediction.experience)
             how = {"is_followed": is_followed, "by_contrast": by_contrast}
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
         chosen = tuple(
