@@ -111,7 +111,6 @@ VO_DRIFT = np.repeat([0.02, 0.004], 3)  # (6,) m, rad: standard deviation of wha
 VO_MAX_S, VO_MAX_STEP_S = 60.0, 0.3  # s without the map; between two images
 VO_MIN_NCC, VO_MAX_SIGMA_M = 0.8, 0.02  # of an alignment with the last image; m
 VO_MAX_SIGMAS = 5.0  # of its distance from the prediction; 6e-7 by chance
-MIN_LIGHT_AGREEMENT, MAX_PREDICTED = 0.3, 2  # where light changes at once: mean cosine of gradients; images in a row
 MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
 ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count by the inverse of their residuals
 

@@ -19,8 +19,6 @@ from dense_localizer.constants import (
     ANY_MAD,
     IMAGE_FORGETTING,
     MAX_LEVEL_PIXELS,
-    MAX_PREDICTED,
-    MIN_LIGHT_AGREEMENT,
     VO_DRIFT,
     VO_MAX_S,
     VO_MAX_SIGMA_M,
@@ -34,7 +32,6 @@ from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
-from dense_localizer.track.align import find_first_level
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -44,7 +41,6 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
-from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.params import between
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
@@ -87,7 +83,6 @@ class VisualOdometry:
         """Nothing is known of the past."""
         self._last: PoseCandidate | None = None
         self._way: Way | None = None
-        self._num_predicted = 0  # images in a row
         self._usual_ncc = {False: 0.0, True: 0.0}  # of images and map, by grey levels and by local contrast
 
     def usual_ncc(self, by_contrast: bool) -> float:
@@ -115,7 +110,6 @@ class VisualOdometry:
             usual = self._usual_ncc[by_contrast]
             self._usual_ncc[by_contrast] += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
         self._last, self._way = candidate, Way(candidate.T_map_camera, candidate.covariance, stamp_ns)
-        self._num_predicted = 0
 
     def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Verdict) -> PoseCandidate | None:
         """Place images that the map does not place, `cause` says why; None where the last ones do not, or no longer."""
@@ -134,20 +128,12 @@ class VisualOdometry:
             return None
         motion = prediction.frame_motion(self._params.camera.readout)
         found = register_rig(seen, prediction.T_map_camera, accept_any_mad(registration), motion, prediction.expected)
-        step, noise = found.T_world_camera, found.covariance
-        self._num_predicted = 0 if is_step(found, prediction) else self._num_predicted + 1
-        if self._num_predicted:
-            level = find_first_level(prediction, chosen.choice, seen[0].pyramid)
-            if (
-                self._num_predicted > MAX_PREDICTED
-                or measure_agreement(seen, found, prediction, level, self._params) < MIN_LIGHT_AGREEMENT
-            ):
-                return None
-            step, noise = prediction.T_map_camera, prediction.growth
-        way = way.add_step(last.T_map_camera, step, noise)
+        if not is_step(found, prediction):
+            return None
+        step = found.T_world_camera
+        way = way.add_step(last.T_map_camera, step, found.covariance)
         detail = f"{cause.detail}; by the last images alone for {way.meters:.1f} m of {limit:g}".removeprefix("; ")
         acceptance = Acceptance(is_accepted=True, is_good=False, finding=replace(cause, detail=detail), quality=0.0)
-        found = replace(found, T_world_camera=step, covariance=noise)
         evidence = prediction, chosen.choice, acceptance, found, motion, seen
         self._last, self._way = PoseCandidate(step, way.covariance_at(step), *evidence, is_by_map=False), way
         return self._last
@@ -204,16 +190,6 @@ def is_step(found: Alignment, prediction: Prediction) -> bool:
         return False
     both = prediction.growth + found.covariance
     return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= VO_MAX_SIGMAS**2
-
-
-def measure_agreement(
-    seen: Sequence[RigImage], found: Alignment, prediction: Prediction, level: int, params: LocalizerParams
-) -> float:
-    """Return the mean cosine of gradients at the predicted pose, at a level where its uncertainty is about a pixel."""
-    coarsest = min(len(image.pyramid.levels) for image in seen) - 1
-    registration = between(params.registration, finest=min(level, coarsest))
-    there = replace(found, T_world_camera=prediction.T_map_camera)
-    return find_rig_structure(seen, there, registration, aspects=Aspect.FIT).agreement
 
 
 def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:

@@ -41,13 +41,13 @@ class Track:
     def use(self, references):
         self.references = self.visual_odometry._references = references
 
-    def see(self, pose, change=lambda by_map: by_map, *, is_trusted=True, light=1.0):
-        """Return the candidate by the map, in its light, changed, and the one in force."""
+    def see(self, pose, change=lambda by_map: by_map, *, is_trusted=True):
+        """Return the candidate by the map, changed, and the one in force."""
         self.k += 1
         image = self.room.photograph(PINHOLE, pose, self.k)
-        plain, lit = (RigImage(build_pyramid(one.astype(np.uint8), PINHOLE)) for one in (image, light * image))
-        frame = LocalizerInput(self.k * STEP_NS, images=(lit,))
-        by_map = change(locate((plain,), self.references, PARAMS, next(self.prior.propose(frame))))
+        seen = RigImage(build_pyramid(image.astype(np.uint8), PINHOLE))
+        frame = LocalizerInput(self.k * STEP_NS, images=(seen,))
+        by_map = change(locate((seen,), self.references, PARAMS, next(self.prior.propose(frame))))
         found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
         if found.is_accepted:
             self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
@@ -101,13 +101,3 @@ def test_images_alone_place_who_stands_for_a_minute(track):
     for age_s, is_placed in [(59.9, True), (60.1, False)]:
         odometry._way = replace(odometry._way, stamp_ns=(track.k + 1) * STEP_NS - round(age_s * 1e9))
         assert track.see(at(0.06), hidden)[1].is_accepted == is_placed
-
-
-def test_light_that_changes_with_each_image_is_bridged_twice(track):
-    left = np.arange(PINHOLE.width) < PINHOLE.width / 2
-    for k, is_bridged in ((4, True), (5, True), (6, False)):
-        _, found = track.see(at(0.02 * k), hidden, light=np.where(left == k % 2, 0.15, 1.0))
-        assert found.is_accepted == is_bridged
-        assert not is_bridged or found.T_map_camera.distance(at(0.02 * k)) < (0.02, 0.01)
-    assert track.see(at(0.14))[1].is_by_map
-    assert not track.see(at(0.16), hidden, light=0.0)[1].is_accepted  # gradients say nothing
