@@ -20,7 +20,7 @@ from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
-from sphere_nav.ros.run import return_free_memory, run
+from sphere_nav.ros.run import run
 from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 
 
@@ -77,7 +77,6 @@ class DenseLocalizerNode(LocalizerNode):
             self.drive = DriveRecorder(reader, self.log.info, is_live=is_live)
         if before is not None:
             before.references.close()
-        return_free_memory()  # that of reading
 
     def end_drive(self) -> None:
         """Let what was kept of a drive have its name."""
