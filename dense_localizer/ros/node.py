@@ -29,7 +29,6 @@ class DenseLocalizerNode(LocalizerNode):
 
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
-    HAS_SPHERE_INFO = True
     NO_MAP = "set `map`, or call ~/load_map"
     params: DenseLocalizerParams
 
@@ -57,11 +56,11 @@ class DenseLocalizerNode(LocalizerNode):
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
-            return Cameras(self.endpoints, p, *callbacks, has_depth=p.use_depth, has_sphere_info=True)
+            return Cameras(self.endpoints, p, *callbacks, has_depth=p.use_depth)
         if p.use_depth:
             raise ValueError(f"use_depth: expected one camera, found several: {p.rig.cameras or p.rig.calibration}")
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return Cameras(self.endpoints, p, *callbacks, rig=p.rig, calibration=calibration, has_sphere_info=True)
+        return Cameras(self.endpoints, p, *callbacks, rig=p.rig, calibration=calibration)
 
     @property
     def has_rig(self) -> bool:
