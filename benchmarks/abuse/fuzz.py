@@ -32,7 +32,7 @@ from path_follower.routes.params import MissionParams
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.mcap_file import whole_messages
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -142,8 +142,7 @@ def _bag_targets(samples: Samples) -> list[Target]:
         assert set(found) <= messages, "accepted messages that were never written"
 
     def read_salvage(path: Path) -> None:
-        file = McapFile(path, damages=[], is_cut=True)
-        found = [(channel.topic, item.log_time, item.data) for channel, item in file.messages()]
+        found = [(channel.topic, item.log_time, item.data) for _, channel, item in whole_messages(path)]
         assert set(found) <= messages, "salvaged messages that were never written"
 
     def read_map(path: Path) -> None:

@@ -20,7 +20,7 @@ from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
-from sphere_nav.ros.run import return_free_memory, run
+from sphere_nav.ros.run import run
 from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 
 
@@ -29,7 +29,6 @@ class DenseLocalizerNode(LocalizerNode):
 
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
-    HAS_SPHERE_INFO = True
     NO_MAP = "set `map`, or call ~/load_map"
     params: DenseLocalizerParams
 
@@ -57,11 +56,11 @@ class DenseLocalizerNode(LocalizerNode):
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
-            return Cameras(self.endpoints, p, *callbacks, has_depth=p.use_depth, has_sphere_info=True)
+            return Cameras(self.endpoints, p, *callbacks, has_depth=p.use_depth)
         if p.use_depth:
             raise ValueError(f"use_depth: expected one camera, found several: {p.rig.cameras or p.rig.calibration}")
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return Cameras(self.endpoints, p, *callbacks, rig=p.rig, calibration=calibration, has_sphere_info=True)
+        return Cameras(self.endpoints, p, *callbacks, rig=p.rig, calibration=calibration)
 
     @property
     def has_rig(self) -> bool:
@@ -77,7 +76,6 @@ class DenseLocalizerNode(LocalizerNode):
             self.drive = DriveRecorder(reader, self.log.info, is_live=is_live)
         if before is not None:
             before.references.close()
-        return_free_memory()  # that of reading
 
     def end_drive(self) -> None:
         """Let what was kept of a drive have its name."""

@@ -31,7 +31,6 @@ class MclDepthNode(LocalizerNode):
 
     NAME = "mcl_depth"
     PARAMS = MclDepthParams
-    HAS_SPHERE_INFO = True
     NO_MAP = NO_CLOUD
     params: MclDepthParams
 

@@ -2,8 +2,8 @@
 
 By itself numba keeps what it compiled by the place and time of each source file, and looks at that file alone: edits
 of a function called in another file go unseen, and two copies of the project compile everything twice. Here one
-folder belongs to the text of all kernels of a package and of those they call: kernels may call each other across
-files, and every process that has the same text finds them compiled.
+folder belongs to the text of all kernels: they may call each other across files, and every process that has the same
+text finds them compiled.
 
 A kernel is compiled with copies of those it calls, which numba leaves open to the linker: of several copies in one
 process the first one loaded serves all. They are optimized differently, and round differently, so that results would
@@ -35,7 +35,7 @@ class TextLocator:
     def __init__(self, function: FunctionType, path: Path) -> None:
         self._line = function.__code__.co_firstlineno
         name = name_of(path)
-        self._folder = cache_folder(name.split(".")[0]) / name
+        self._folder = cache_folder() / name
 
     def ensure_cache_path(self) -> None:
         """Make the folder; OSError where it cannot be written."""

@@ -50,7 +50,7 @@ def parameters(cls: type[C]) -> type[C]:
     """Class decorator: a frozen, keyword-only dataclass that refuses values outside their range."""
 
     def check_fields(self: Any) -> None:
-        for leaf in _own_leaves(type(self), ""):
+        for leaf in _own_leaves(type(self)):
             leaf.check(getattr(self, leaf.name))
 
     cls.__post_init__ = check_fields  # type: ignore[attr-defined]
@@ -103,21 +103,22 @@ class Leaf:
 
 def leaves(cls: type) -> Iterator[Leaf]:
     """Yield every value of a parameters class, nested groups included, in order of declaration."""
-    hints = _hints(cls)
+    own, hints = {leaf.name: leaf for leaf in _own_leaves(cls)}, _hints(cls)
     for item in dataclasses.fields(cls):
-        if dataclasses.is_dataclass(hints[item.name]):
+        if item.name in own:
+            yield own[item.name]
+        elif dataclasses.is_dataclass(hints[item.name]):
             for leaf in leaves(hints[item.name]):
                 yield dataclasses.replace(leaf, name=f"{item.name}.{leaf.name}")
-        else:
-            yield from _own_leaves(cls, item.name)
 
 
 def build(cls: type[C], values: Mapping[str, Any]) -> C:
     """Construct `cls` from dotted names; unknown names and values out of range raise ValueError."""
-    known = {leaf.name for leaf in leaves(cls)}
-    for name in values:
+    known = {leaf.name: leaf for leaf in leaves(cls)}
+    for name, value in values.items():
         if name not in known:
             raise ValueError(f"{name}: unknown parameter{meant(name, known)}")
+        known[name].check(value)
     return _construct(cls, values, "")
 
 
@@ -150,11 +151,11 @@ def _hints(cls: Any) -> dict[str, Any]:
     return typing.get_type_hints(cls)
 
 
-def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
+def _own_leaves(cls: type) -> Iterator[Leaf]:
     hints = _hints(cls)
     for item in dataclasses.fields(cls):
         kind = hints[item.name]
-        if kind in SCALARS and only in ("", item.name):
+        if kind in SCALARS:
             yield Leaf(name=item.name, type=kind, default=item.default, **item.metadata)
 
 
@@ -171,7 +172,5 @@ def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
         if dataclasses.is_dataclass(hints[item.name]):
             arguments[item.name] = _construct(hints[item.name], values, name + ".")
         elif name in values:
-            leaf = next(_own_leaves(cls, item.name))
-            dataclasses.replace(leaf, name=name).check(values[name])
-            arguments[item.name] = _as_meant(item.name, leaf.type(values[name]))
+            arguments[item.name] = _as_meant(item.name, hints[item.name](values[name]))
     return cls(**arguments)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakValueDictionary
 
 from rclpy.action import ActionServer
 from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
@@ -22,8 +23,8 @@ from sphere_nav.ros.service import one_line
 class ActionGoal:
     """A goal that was accepted: feedback while it lasts, one end."""
 
-    def __init__(self, server: GuardedActionServer, handle: ServerGoalHandle) -> None:
-        self._server, self._handle = server, handle
+    def __init__(self, handle: ServerGoalHandle) -> None:
+        self._handle, self._is_over = handle, False
         self.request: Any = plain_frames(handle.request)
 
     @property
@@ -33,74 +34,60 @@ class ActionGoal:
 
     def publish(self, feedback: Any) -> None:
         """Tell the client how it goes."""
-        if self._handle.is_active:
+        if not self._is_over:
             self._handle.publish_feedback(feedback)
 
     def finish(self, result: Any, *, success: bool) -> None:
         """End it: succeeded, canceled where the client wanted that, else aborted."""
-        if not self._handle.is_active:
+        if self._is_over:
             return
-        if success:
-            self._handle.succeed()
-        elif self.is_canceled:
-            self._handle.canceled()
-        else:
-            self._handle.abort()
-        self._server.conclude(self._handle, result)
+        self._is_over = True
+
+        def end(handle: ServerGoalHandle) -> Any:
+            if success:
+                handle.succeed()
+            elif handle.is_cancel_requested:
+                handle.canceled()
+            else:
+                handle.abort()
+            return result
+
+        self._handle.execute(end)
 
 
-class GuardedActionServer(ActionServer):
-    """An action server whose goals are ended by `ActionGoal.finish`."""
+def serve_action(
+    node: Node, kind: type[Any], name: str, calls: GoalCalls, report: Callable[[str, BaseException], None]
+) -> ActionServer:
+    """Return an action server whose goals are ended by `ActionGoal.finish`; `report` gets what a callback raised."""
+    goals: WeakValueDictionary[bytes, ActionGoal] = WeakValueDictionary()  # the node keeps those under way
 
-    def __init__(
-        self,
-        node: Node,
-        kind: type[Any],
-        name: str,
-        calls: GoalCalls,
-        report: Callable[[str, BaseException], None],
-    ) -> None:
-        """`report` gets what a callback raised."""
-        self.kind, self._begin, self._report, self._name = kind, calls.begin, report, name
-        self._goals: dict[bytes, ActionGoal] = {}
-
-        def accept(request: Any) -> GoalResponse:
-            try:
-                calls.check(plain_frames(request))
-            except Exception as error:
-                report(f"{name}: goal rejected", error)
-                return GoalResponse.REJECT
-            return GoalResponse.ACCEPT
-
-        def end(handle: ServerGoalHandle) -> CancelResponse:
-            goal = self._goals.get(bytes(handle.goal_id.uuid))
-            try:
-                if goal is not None:
-                    calls.cancel(goal)
-            except Exception as error:
-                report(f"{name}: cancel", error)
-            return CancelResponse.ACCEPT
-
-        super().__init__(node, kind, name, self._nothing, goal_callback=accept, cancel_callback=end)
-
-    @staticmethod
-    def _nothing(handle: ServerGoalHandle) -> None:
-        """Be what rclpy wants to execute."""
-
-    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None) -> None:
-        """Begin a goal that was accepted, in place of a coroutine that waits for its end."""
-        goal = ActionGoal(self, goal_handle)
-        self._goals[bytes(goal_handle.goal_id.uuid)] = goal
+    def accept(request: Any) -> GoalResponse:
         try:
-            self._begin(goal)
+            calls.check(plain_frames(request))
         except Exception as error:
-            self._report(f"{self._name}: goal aborted", error)
-            result = self.kind.Result()
+            report(f"{name}: goal rejected", error)
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def begin(handle: ServerGoalHandle) -> None:
+        goal = ActionGoal(handle)
+        goals[bytes(handle.goal_id.uuid)] = goal
+        try:
+            calls.begin(goal)
+        except Exception as error:
+            report(f"{name}: goal aborted", error)
+            result = kind.Result()
             if hasattr(result, "reason"):
                 result.reason = one_line(error)
             goal.finish(result, success=False)
 
-    def conclude(self, handle: ServerGoalHandle, result: Any) -> None:
-        """Give the client its result; the goal has a terminal state."""
-        self._goals.pop(bytes(handle.goal_id.uuid), None)
-        super().notify_execute(handle, lambda _: result)
+    def cancel(handle: ServerGoalHandle) -> CancelResponse:
+        try:
+            calls.cancel(goals[bytes(handle.goal_id.uuid)])
+        except Exception as error:
+            report(f"{name}: cancel", error)
+        return CancelResponse.ACCEPT
+
+    return ActionServer(
+        node, kind, name, begin, goal_callback=accept, handle_accepted_callback=begin, cancel_callback=cancel
+    )

@@ -121,9 +121,7 @@ class Composition:
             read_driver(given["driver"])
         check_enclaves(starts)
         if given.get("site"):
-            check_site_file(
-                given["site"], tuple(RESTART_AFTER), [f"/{start.namespace}/{start.node}" for start in starts]
-            )
+            check_site_file(given["site"], tuple(RESTART_AFTER))
         return starts
 
 

@@ -10,7 +10,6 @@ That holds for every callback: subscriptions, timers and services of a node, and
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections.abc import Callable
@@ -26,14 +25,9 @@ from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_IN_ROW, MAX_WAITS, PAUSE_
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, ThrottledLog
 from sphere_nav.ros.service import one_line
 
-FOREIGN = {"rclpy", *sys.stdlib_module_names}  # what raises there alone was asked for from outside
-
 
 class CallbackFailures:
-    """What callbacks raised: counted, one line each in the log, and an entry for the diagnostics.
-
-    Where our own code takes part it is our mistake: its traceback is logged, once for each place.
-    """
+    """What callbacks raised: counted, a line each in the log, its traceback once, and an entry for the diagnostics."""
 
     def __init__(self, log: ThrottledLog, clock: Callable[[], float] = time.monotonic) -> None:
         self._log, self._clock = log, clock
@@ -43,22 +37,16 @@ class CallbackFailures:
         self._traced: set[str] = set()
         self._in_row: WeakKeyDictionary[Any, tuple[int, float]] = WeakKeyDictionary()  # with the time of the last, s
 
-    def add(self, error: BaseException, where: str, entity: Any = None, *, is_request: bool = False) -> None:
-        """Count what a callback raised.
-
-        `entity` is what rclpy called: a subscription, timer or service. `is_request`: what was asked for is wrong, not
-        our code.
-        """
-        frames = list(traceback.walk_tb(error.__traceback__))
-        ours = [frame for frame in frames if str(frame[0].f_globals.get("__name__")).split(".")[0] not in FOREIGN]
-        frame, line = (ours or frames or [(sys._getframe(), 0)])[-1]
-        place = f"{Path(frame.f_code.co_filename).name}:{line}"
+    def add(self, error: BaseException, where: str, entity: Any = None) -> None:
+        """Count what a callback raised; `entity` is what rclpy called: a subscription, timer or service."""
+        frames = traceback.extract_tb(error.__traceback__)
+        place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "nowhere"
         self.num_failed, self._last_s = self.num_failed + 1, self._clock()
         self.last_failure = f"{where}: {one_line(error)} ({place})"
         if entity is not None:
             self._in_row[entity] = self._in_row.get(entity, (0, 0.0))[0] + 1, self._last_s
-        kind = f"{type(error).__name__} {place}"
-        if ours and not is_request and kind not in self._traced:
+        kind = f"{type(error).__name__} {where} {place}"
+        if kind not in self._traced:
             self._traced.add(kind)
             self._log.error("".join(traceback.format_exception(error)).rstrip())
         self._log.error(f"callback failed: {self.last_failure}", every=LOG_PERIOD_S, key=f"callback {kind}")

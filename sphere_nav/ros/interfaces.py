@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -15,10 +14,6 @@ from sphere_nav.ros.conversions.frames import plain_frames
 from sphere_nav.ros.shared_files import share_folders
 
 SEPARATOR = "=" * 80
-PRIMITIVES = {
-    *("bool", "byte", "char", "float32", "float64", "string", "wstring"),
-    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-}
 
 
 def type_name(kind: type[Any]) -> str:
@@ -67,30 +62,32 @@ def schema_text(name: str) -> str:
 
 
 @cache
+def type_store(name: str) -> Any:
+    """Return the library's types that a message is made of."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # a tenth of a second, for files alone
+
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_text(name), name))
+    return store
+
+
+@cache
 def type_hash(name: str) -> str:
-    """Return the REP-2011 hash (RIHS01_...) of a type, or an empty string where its package brings none along."""
-    package, folder, kind = _parts(name)
-    path = _share(package, f"{folder}/{kind}.json")
-    if path is None:
+    """Return the REP-2011 hash (RIHS01_...) of a type, or an empty string where it is not installed."""
+    try:
+        return str(type_store(name).hash_rihs01(name))
+    except ValueError:
         return ""
-    hashes = json.loads(path.read_text())["type_hashes"]
-    return next((str(entry["hash_string"]) for entry in hashes if entry["type_name"] == name), "")
 
 
 def _used_types(name: str) -> list[str]:
-    package = _parts(name)[0]
-    types = []
-    for line in _definition(name).splitlines():
-        word = line.split("#")[0].strip().split(" ")[0].split("[")[0].split("<")[0]
-        if not word or word in PRIMITIVES:
-            continue
-        types.append({"Header": "std_msgs/msg/Header"}.get(word) or _full_name(word, package))
-    return types
+    from rosbags.interfaces import Nodetype
+    from rosbags.typesys import get_types_from_msg
 
-
-def _full_name(word: str, package: str) -> str:
-    parts = word.split("/")
-    return f"{package}/msg/{word}" if len(parts) == 1 else f"{parts[0]}/msg/{parts[-1]}"
+    ((_, fields),) = get_types_from_msg(_definition(name), name).values()
+    many = Nodetype.ARRAY, Nodetype.SEQUENCE
+    kinds: list[Any] = [kind[1][0] if kind[0] in many else kind for _, kind in fields]
+    return [str(what) for node, what in kinds if node == Nodetype.NAME]
 
 
 @cache

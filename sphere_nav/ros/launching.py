@@ -6,11 +6,10 @@ import shutil
 from typing import Any
 
 from launch import LaunchDescription  # type: ignore[attr-defined]  # the folder of that name lies beside
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from sphere_nav.params import meant
 from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, Composition, NodeStart, after_exit
 from sphere_nav.ros.constants import END_PATIENCE_S
 
@@ -28,8 +27,8 @@ def launch_description(name: str) -> Any:
         for key, argument in composition.arguments.items()
     ]
 
-    def check(context: Any) -> list[Any]:
-        return _check(composition, context)
+    def check(context: Any) -> None:
+        _check(composition, context)
 
     def start(context: Any) -> list[Any]:
         given = {key: LaunchConfiguration(key).perform(context) for key in composition.arguments}
@@ -39,19 +38,16 @@ def launch_description(name: str) -> Any:
     return LaunchDescription([OpaqueFunction(function=check), *declared, OpaqueFunction(function=start)])
 
 
-def _check(composition: Composition, context: Any) -> list[Any]:
+def _check(composition: Composition, context: Any) -> None:
     """Refuse arguments of the command line that are unknown or impossible; `launch` itself takes any name.
 
     Before an argument is declared, there is what was typed, and nothing else, unless another launch file includes this
-    one. Then a name may be that file's own, and one that is like ours is told but not refused.
+    one. Then a name may be that file's own.
     """
     given = {key: value for key, value in context.launch_configurations.items() if key not in OF_LAUNCH}
     typed = dict(word.split(":=", 1) for word in context.argv if ":=" in word)
     if given == {key: value for key, value in typed.items() if key not in OF_LAUNCH}:
         composition.ready(given)
-        return []
-    unknown = {key: meant(key, composition.arguments) for key in given if key not in composition.arguments}
-    return [LogInfo(msg=f"{key}{hint}: no argument of this launch file") for key, hint in unknown.items() if hint]
 
 
 def _with_parent() -> str | None:

@@ -40,9 +40,8 @@ class LiveShell(RclpyShell, NodeShell, LifecycleNode):
         self.is_configured = False
         self.on_finish: Callable[[int], None] = lambda status: None
         parameters.answer_wrong_types(self, self.failures)
-        parameters.fix_clock(self, self._why_fixed)
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
-        parameters.declare(self, node_class.PARAMS, self._why_fixed)
+        parameters.declare(self, node_class.PARAMS, self._why_fixed, parameters.CLOCK_CHOICE)  # silence is judged by it
         self.add_post_set_parameters_callback(self._tune)
         for line in parameters.unknown_overrides(self):
             self.log.warning(line)

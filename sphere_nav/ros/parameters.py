@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sphere_nav.params import Leaf, build, leaves, meant
 from sphere_nav.ros.executor import CallbackFailures
-from sphere_nav.ros.service import Handler, one_line
+from sphere_nav.ros.service import one_line
 
 C = TypeVar("C")
 MAX_INTEGER = 2**63 - 1
-MAX_NAME = 100  # characters of a name that are repeated in an answer
 CLOCK_CHOICE = "use_sim_time"
 
 
-def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "") -> None:
+def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "", *others: str) -> None:
     """Declare every value of `cls`; an override out of range raises ValueError naming parameter, expected and found.
 
-    `why_fixed` is asked when somebody later sets a parameter that is not live: a reason refuses it, "" allows it.
+    `why_fixed` is asked when somebody later sets a parameter that is not live, or one of `others`, which are of rclpy:
+    a reason refuses it, "" allows it. rclpy asks what was added last first: what it does itself comes at the end.
     """
     known = {leaf.name: leaf for leaf in leaves(cls)}
     for name, leaf in known.items():
@@ -39,71 +40,40 @@ def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "
                 known[change.name].check(change.value)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        fixed = [change.name for change in ours if not known[change.name].is_live]
+        fixed = [change.name for change in changes if change.name in others]
+        fixed += [change.name for change in ours if not known[change.name].is_live]
         reason = why_fixed() if fixed else ""
         return SetParametersResult(successful=not reason, reason=f"{fixed[0]}: {reason}" if reason else "")
 
     node.add_on_set_parameters_callback(judge)
 
 
-def fix_clock(node: Node, why_fixed: Callable[[], str]) -> None:
-    """Refuse another clock while `why_fixed` gives a reason: silence is judged by it. Refuse odd names.
-
-    rclpy asks the callback that was added last first and the one that changes the clock, its own, at the end.
-    """
-
-    def judge(changes: list[Parameter]) -> SetParametersResult:
-        names = [change.name for change in changes]
-        if len(set(names)) < len(names):  # rclpy would act on the first value and keep the last one
-            twice = next(name for name in names if names.count(name) > 1)
-            return SetParametersResult(successful=False, reason=f"{twice}: expected one value, found several")
-        if "" in names:  # rclpy would take it for declared
-            return SetParametersResult(successful=False, reason="parameter: expected a name, found none")
-        reason = why_fixed() if CLOCK_CHOICE in names else ""
-        return SetParametersResult(successful=not reason, reason=f"{CLOCK_CHOICE}: {reason}" if reason else "")
-
-    node.add_on_set_parameters_callback(judge)
-
-
 def answer_wrong_types(node: Node, failures: CallbackFailures) -> None:
-    """Have every request to set parameters answered, each parameter by itself, also where rclpy raises.
+    """Have every request to set parameters answered, also where rclpy raises.
 
     An unknown type of a parameter, for one, is a ValueError, and who asked would wait for ever.
     """
-    for service in node.services:
-        if service.srv_type is SetParameters:
-            service.callback = _one_by_one(service.callback, failures)
-        elif service.srv_type is SetParametersAtomically:
-            service.callback = _at_once(service.callback, failures)
 
+    def set_together(parts: Sequence[Any]) -> SetParametersResult:
+        try:
+            return node.set_parameters_atomically(list(map(Parameter.from_parameter_msg, parts)))
+        except Exception as error:
+            names = ", ".join(part.name for part in parts)
+            if not isinstance(error, ValueError | ParameterException):  # else what was asked for is wrong
+                failures.add(error, "parameters")
+            return SetParametersResult(successful=False, reason=one_line(ValueError(f"{names}: {one_line(error)}")))
 
-def _one_by_one(handler: Handler, failures: CallbackFailures) -> Handler:
-    def answer(request: Any, response: Any) -> Any:
-        for parameter in request.parameters:
-            try:
-                part = handler(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
-                response.results.extend(part.results)
-            except Exception as error:
-                response.results.append(_refusal(error, parameter.name, failures))
+    def one_by_one(request: Any, response: Any) -> Any:
+        response.results = [set_together([part]) for part in request.parameters]
         return response
 
-    return answer
+    def at_once(request: Any, response: Any) -> Any:
+        response.result = set_together(request.parameters)
+        return response
 
-
-def _at_once(handler: Handler, failures: CallbackFailures) -> Handler:
-    def answer(request: Any, response: Any) -> Any:
-        try:
-            return handler(request, response)
-        except Exception as error:
-            response.result = _refusal(error, "set_parameters_atomically", failures)
-            return response
-
-    return answer
-
-
-def _refusal(error: Exception, name: str, failures: CallbackFailures) -> SetParametersResult:
-    failures.add(error, f"parameter {name[:MAX_NAME]}", is_request=isinstance(error, ValueError | OSError))
-    return SetParametersResult(successful=False, reason=f"{name[:MAX_NAME]}: {one_line(error)}")
+    setters = {SetParameters: one_by_one, SetParametersAtomically: at_once}
+    for service in node.services:
+        service.callback = setters.get(service.srv_type, service.callback)
 
 
 def read(node: Node, cls: type[C]) -> C:

@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.actions import GuardedActionServer
+from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, GoalCalls
@@ -180,7 +180,7 @@ class RclpyShell(Endpoints, Node):
             else:
                 self.failures.add(error, where)
 
-        server = GuardedActionServer(self, kind, name, calls, report)
+        server = serve_action(self, kind, name, calls, report)
         self._entities.append(server.destroy)
 
     def unlisten(self, wanted: Subscription) -> None:

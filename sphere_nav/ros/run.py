@@ -7,16 +7,13 @@ back to the system (glibc; with other C libraries nothing happens), and its thre
 from __future__ import annotations
 
 import ctypes
-import mmap
 import os
-import re
 import signal
 import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -33,13 +30,10 @@ from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
-from sphere_nav.ros.site_file import check_rules
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 TURN_S = 5e-4  # after which a thread lets another one run that waits; 10 times that by itself
 LARGE = 1 << 20  # bytes: planes of key spheres, not what an image of a camera needs
-COMPILER = "libllvmlite"  # has loaded the kernels, and has nothing more to do: 70 MB of its code
-CODE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) r-xp \S+ \S+ \d+ +(/.*)")  # of a file, in /proc/self/maps
 SPARE = 1 << 25  # bytes that stay for the next image
 
 
@@ -67,7 +61,7 @@ def run(
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
 
         def serve() -> int:
-            status = _serve(node_class, words, stopped, values or {}, nodes, prepare)
+            status = _serve(node_class, stopped, values or {}, nodes, prepare)
             return status or int(any(node.unfinished() for node in nodes))
 
         return in_context(node_class.NAME, args, serve)
@@ -126,7 +120,6 @@ def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Fut
 
 def _serve(
     node_class: type[ManagedNode],
-    words: Sequence[str],
     stopped: Future,
     values: Mapping[str, Any],
     nodes: list[ManagedNode],
@@ -136,9 +129,6 @@ def _serve(
         shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
-        return 2
-    if not _check_remapping(shell, node_class.NAME, words):
-        shell.destroy_node()
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
@@ -155,18 +145,6 @@ def _serve(
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
-
-
-def _check_remapping(shell: LiveShell, name: str, words: Sequence[str]) -> bool:
-    """Say which rules of the command line rename nothing; whether none of them is a mistake."""
-    try:
-        lines = check_rules(words, name, shell.get_name(), shell.get_namespace(), shell.node.endpoints.driver_topics)
-    except ValueError as error:
-        shell.log.error(f"cannot start: {error}")
-        return False
-    for line in lines:
-        shell.log.warning(line)
-    return True
 
 
 def _watch(wakeups: socket.socket, stopped: Future, patience: float, unfinished: Callable[[], str]) -> None:
@@ -203,21 +181,3 @@ def return_large_blocks() -> None:
         libc: Any = ctypes.CDLL(None)
         libc.mallopt(-3, LARGE)  # M_MMAP_THRESHOLD
         libc.mallopt(-1, SPARE)  # M_TRIM_THRESHOLD
-
-
-def return_free_memory() -> None:
-    """Give back what is free now, small blocks included, and the compiler's code; some milliseconds."""
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).malloc_trim(0)
-        _return_code(COMPILER)
-
-
-def _return_code(library: str) -> None:
-    """Give back the pages of a library's code; what is used again of it is mapped again from the file."""
-    madvise = ctypes.CDLL(None).madvise
-    madvise.argtypes = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
-    for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
-        found = CODE.match(line)  # code is never written to: nothing is lost
-        if found is not None and library in found[3]:
-            first, end = (int(word, 16) for word in found.groups()[:2])
-            madvise(first, end - first, mmap.MADV_DONTNEED)

@@ -123,8 +123,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
         write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
-        bag.annotate("source", f"{arguments.format} {arguments.folder.name}")
-        bag.annotate("truth", recording.truth_name or "none")
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")

@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.shared_files import share_file
-from sphere_nav.ros.site_file import POLICY
 from sphere_nav_tools.cli.up import parse
 
 HELP = """\
@@ -58,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def policy_of(starts: Sequence[NodeStart]) -> ElementTree.ElementTree[ElementTree.Element]:
     """Return the policy of nodes as they are started: their enclaves, namespace and topics."""
-    policy, namespace = ElementTree.parse(share_file(POLICY)), starts[0].namespace
+    policy, namespace = ElementTree.parse(share_file("config/security.policy.xml")), starts[0].namespace
     started = {start.node: [start] for start in starts} | dict.fromkeys(BESIDE, starts)
     for enclaves in policy.iter("enclaves"):
         for enclave in list(enclaves):

@@ -15,8 +15,8 @@ from cycab_sim.warm_up import warm_up as warm_up_simulator
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
 from sphere_mapping.acquisition.warm_up import warm_up as warm_up_acquisition
-from sphere_nav import kernel_cache, photometric
-from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
+from sphere_nav import photometric
+from sphere_nav.kernel_cache.folder import cache_folder, cache_root, remove_old
 from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
 
@@ -38,7 +38,7 @@ PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, warm_up_acq
 
 def main() -> int:
     """Compile what is not compiled yet, on all cores."""
-    if not all(cache_folder(package).is_dir() for package in PACKAGES if package != kernel_cache.__name__):
+    if not cache_folder().is_dir():
         print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
     jobs = min(os.cpu_count() or 1, len(PARTS))
     # a compiler makes much and drops little: without the garbage collector it needs a tenth less time

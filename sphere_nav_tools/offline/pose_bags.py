@@ -37,12 +37,9 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix in BAG_SUFFIXES
 
 
-def read_poses(path: Path, topics: tuple[str, ...], damages: list[str] | None = None) -> Trajectory:
-    """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once.
-
-    `damages` as of a BagReader.
-    """
-    with BagReader(path, damages=damages) as bag:
+def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
+    """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
+    with BagReader(path) as bag:
         name = next((topic for topic in topics if _count(bag, topic)), topics[0])
         info = bag.require(name)
         if info.type not in READINGS:

@@ -27,18 +27,14 @@ ALLOWED = {
     ("sphere_nav/geometry/files/isolated.py", "Path(folder, 'refusal').read_text"): "what its own process has written",
     ("sphere_nav/geometry/files/isolated.py", "np.load"): "what its own process has written",
     ("sphere_nav/kernel_cache/folder.py", "(ROOT / path).read_bytes"): "our own source",
-    ("sphere_nav/kernel_cache/folder.py", "path.read_text"): "our own source",
     (
         "sphere_nav_tools/offline/importing/nclt.py",
         "np.loadtxt",
     ): "millions of numbers in a text that `read_text` has bounded",
-    ("sphere_nav/ros/bags/unpack.py", "source.open"): "in pieces, up to a limit",
-    ("sphere_nav/ros/interfaces.py", "json.loads"): "a file of an installed interface package",
     ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",
     ("sphere_nav/ros/maps/writer.py", "(folder / FILE_NAME).open"): "a file that it writes",
     ("sphere_nav_tools/offline/mapping/stitcher_ahead.py", "pickle.loads"): "of the process that began this one",
     ("sphere_nav_tools/cli/processes.py", "(self.folder / f'{name}.log').open"): "the end of what a process printed",
-    ("sphere_nav/ros/run.py", "Path('/proc/self/maps').read_text"): "of the kernel",
 }
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from contextlib import ExitStack, closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import SALVAGE, SQLITE
-from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.mcap_file import whole_messages
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import BagError, TopicInfo
+from sphere_nav.ros.bags.recorded import SALVAGE, SQLITE, BagError, TopicInfo
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.interfaces import message_class
 
@@ -67,21 +66,15 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
         raise BagError(f"{source}: expected an .mcap file to salvage, found sqlite3: {SALVAGE}")
     if not files:
         raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
-    with ExitStack() as stack, BagWriter(target, suffix=SALVAGING) as bag:
-        for file in files:
-            reader = stack.enter_context(closing(McapFile(file, damages=[], is_cut=True)))
-            for channel, message in reader.messages():
-                schema = reader.summary.schemas.get(channel.schema_id)
-                if schema is None:
-                    continue
-                offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
-                with suppress(BagError):  # of two types on a topic the first one
-                    bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
-                    bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
-                    progress(1)
+    with BagWriter(target, suffix=SALVAGING) as bag:
+        for schema, channel, message in chain.from_iterable(map(whole_messages, files)):
+            offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
+            with suppress(BagError):  # of two types on a topic the first one
+                bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
+                bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
+                progress(1)
         if not bag.num_messages:
             raise BagError(f"{source}: expected a whole chunk to salvage, found none")
-        bag.annotate("salvaged_from", os.fspath(source))
     return bag.num_messages
 
 

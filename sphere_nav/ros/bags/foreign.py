@@ -1,4 +1,4 @@
-"""Bags in other storages than MCAP, read by `rosbags`: sqlite3 and ROS 1.
+"""Bags that `rosbags` reads: sqlite3, MCAP without an index, what is compressed by file or message, and ROS 1.
 
 What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses its `seq`.
 """
@@ -7,27 +7,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from rclpy.qos import QoSProfile
 from rosbags.convert.converter import migrate_bytes
 from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import ROS1, SALVAGE, SQLITE
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, open_bag, told
-from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
-from sphere_nav.ros.bags.unpack import unpack
+from sphere_nav.ros.bags.mcap_file import open_bag, told
+from sphere_nav.ros.bags.recorded import ROS1, SALVAGE, SQLITE, BagError, Recorded, TopicInfo
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+STORED = (SQLITE, ".mcap", ".zstd")  # ends of the names of files with messages
+ADDRESS = set("%?#")  # of a URI, by which the library asks SQLite: the wrong database would be opened, or none
 SIDE_FILES = ("-wal", "-journal")  # of SQLite: what is not yet, or not to be, in the database
 
 
@@ -36,36 +33,26 @@ class ForeignBag:
 
     def __init__(self, path: Path) -> None:
         self._path, self._is_open = path, False
-        self._link: TemporaryDirectory[str] | None = None
+        self._migrations: dict[str, object] = {}  # what the library keeps of each kind
         try:
             self._open(path)
             self.topics = self._guard(self._read_topics)
-            self._convert = _Converter(self._reader.connections)
+            self._types = self._guard(lambda: _types_of(self._reader.connections)) if path.suffix == ROS1 else []
         except BaseException:
             self.close()
             raise
 
     def _open(self, path: Path) -> None:
-        files = sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE)
-        for file in files or [path] * (path.suffix == ROS1):
+        files = [file for file in path.iterdir() if file.suffix in STORED] if path.is_dir() else [path]
+        for file in files:
             _check_file(file)
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
-        plain = self._plain_path(path)
-        self._reader: Any = self._guard(lambda: reader(plain))
+        self._remedy = f"; {SALVAGE}" if any(file.suffix == SQLITE for file in files) else ""
+        if self._remedy and set(os.fspath(path.resolve())) & ADDRESS:
+            raise BagError(f"{path}: expected a path without {' '.join(sorted(ADDRESS))}, found one: rename it")
+        self._reader: Any = self._guard(lambda: reader(path))
         self._guard(self._reader.open)
         self._is_open = True
-        if path.suffix == ROS1:
-            chunks = self._reader.chunks
-            self._reader.chunks = {place: _bound_chunk(chunk) for place, chunk in chunks.items()}
-
-    def _plain_path(self, path: Path) -> Path:
-        """Return a path without what has a meaning in a URI, which the library asks SQLite with."""
-        if not set(os.fspath(path.resolve())) & set("%?#"):
-            return path
-        self._link = TemporaryDirectory(prefix="sphere_nav_")
-        plain = Path(self._link.name) / f"bag{path.suffix if path.is_file() else ''}"
-        plain.symlink_to(path.resolve())
-        return plain
 
     @property
     def time_range(self) -> tuple[int, int] | None:
@@ -81,28 +68,18 @@ class ForeignBag:
         if not wanted:
             return
         stop = None if end_ns is None else end_ns + 1
-        messages = self._guard(lambda: self._reader.messages(wanted, start=start_ns, stop=stop))
-        while True:
-            found = self._guard(lambda: next(messages, None))
-            if found is None:
-                return
-            connection, stamp_ns, data = found
-            stamp_ns, data = self._guard(partial(_plain, stamp_ns, data))
-            if len(data) > MAX_CHUNK:
-                raise BagError(
-                    f"{self._path}: {connection.topic}: expected at most {MAX_CHUNK} bytes, found {len(data)}"
-                )
-            if self._path.suffix == ROS1:
-                data = self._guard(partial(self._convert, connection.msgtype, data))
-            yield Recorded(_topic_of(connection), stamp_ns, data)
+        with told_at(self._path, BagError), told("a readable bag", self._remedy):
+            for connection, stamp_ns, data in self._reader.messages(wanted, start=start_ns, stop=stop):
+                plain = bytes(memoryview(data))  # TypeError where a database has something else there
+                if self._types:
+                    plain = self._migrate(connection.msgtype, plain)
+                yield Recorded(_topic_of(connection), int(stamp_ns), plain)
 
     def close(self) -> None:
         """Close the files."""
         if self._is_open:
             self._reader.close()
             self._is_open = False
-        if self._link is not None:
-            self._link.cleanup()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -113,40 +90,26 @@ class ForeignBag:
             known.count += int(connection.msgcount)
         return topics
 
+    def _migrate(self, kind: str, data: bytes) -> bytes:
+        """Return a message of ROS 1 as CDR of the ROS 2 message of the same name."""
+        (source, target), name = self._types, RENAMED.get(kind, kind)
+        return bytes(migrate_bytes(source, target, kind, name, self._migrations, data, src_is2=False, dst_is2=True))
+
     def _guard(self, call: Callable[[], Any]) -> Any:
         """Return what a call into the library returns; whatever it raises about a damaged bag becomes BagError."""
-        with told_at(self._path, BagError), told("a readable bag", "" if self._path.suffix == ROS1 else f"; {SALVAGE}"):
+        with told_at(self._path, BagError), told("a readable bag", self._remedy):
             return call()
 
 
-def _bound_chunk(chunk: Any) -> Any:
-    """Return a chunk of a ROS 1 bag that is not unpacked beyond the limit."""
-    name = next(name for name, method in ROS1_METHODS.items() if method is chunk.decompressor)
-    return chunk._replace(decompressor=lambda data: unpack(data, "" if name == "none" else name, MAX_CHUNK))
-
-
-class _Converter:
-    """Messages of ROS 1 as CDR of the ROS 2 message of the same name; types of others are those the bag defines."""
-
-    def __init__(self, connections: list[Connection]) -> None:
-        self._cache: dict[str, object] = {}
-        self._connections, self._stores = connections, list[Any]()
-
-    def __call__(self, kind: str, data: bytes) -> bytes:
-        if not self._stores:
-            self._stores = [get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)]
-            self._define()
-        source, target = self._stores
-        name = RENAMED.get(kind, kind)
-        return bytes(migrate_bytes(source, target, kind, name, self._cache, data, src_is2=False, dst_is2=True))
-
-    def _define(self) -> None:
-        """Add the definitions in the bag of types that the libraries do not know, such as tf2_msgs/TFMessage."""
-        for connection in self._connections:
-            for name, definition in get_types_from_msg(connection.msgdef.data, connection.msgtype).items():
-                for store in self._stores:
-                    if name not in store.fielddefs:
-                        store.register({name: definition})
+def _types_of(connections: list[Connection]) -> list[Any]:
+    """Return the types of ROS 1 and of ROS 2, also those that the bag alone defines, such as tf2_msgs/TFMessage."""
+    stores = [get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)]
+    for connection in connections:
+        for name, definition in get_types_from_msg(connection.msgdef.data, connection.msgtype).items():
+            for store in stores:
+                if name not in store.fielddefs:
+                    store.register({name: definition})
+    return stores
 
 
 def _topic_of(connection: Connection) -> str:
@@ -159,11 +122,6 @@ def _profiles(connection: Connection) -> list[QoSProfile]:
     is_latched = bool(getattr(connection.ext, "latching", 0)) or _topic_of(connection) == "/tf_static"
     is_latched |= any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
     return [qos.LATCHED] if is_latched else []
-
-
-def _plain(stamp_ns: Any, data: Any) -> tuple[int, bytes]:
-    """Return time and bytes of a message; TypeError or ValueError where a database has something else there."""
-    return int(stamp_ns), bytes(memoryview(data))
 
 
 def _check_file(file: Path) -> None:

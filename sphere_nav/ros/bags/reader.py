@@ -1,21 +1,20 @@
-"""Read a bag: a rosbag2 folder or a lone file; MCAP by ourselves, other storages through `foreign.py`."""
+"""Read a bag: a rosbag2 folder or a lone file; MCAP by `mcap`, all else by `rosbags`."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short, told_at
-from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
-from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
-from sphere_nav.ros.bags.unpack import unpack
-from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_as, read_text, required, short, told_at
+from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.recorded import ROS1, SQLITE, BagError, Recorded, TopicInfo
+from sphere_nav.ros.bags.writer import METADATA, PARTIAL, absolute
 from sphere_nav.ros.interfaces import from_bytes, message_class, type_hash, type_name
+
+KEY = "rosbag2_bagfile_information"
 
 
 class BagReader:
@@ -25,19 +24,13 @@ class BagReader:
         bag.require("image_raw", Image)
         for topic, stamp_ns, message in bag.messages(["image_raw", "camera_info"]):
             ...
-
-    `damages` takes a line for each chunk of an MCAP file, and each message of a replay, that cannot be read; they are
-    passed over then.
     """
 
-    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False, damages: list[str] | None = None) -> None:
-        self.path, self.damages = Path(path), damages
-        self.files: list[Any] = []  # of MCAP, or one ForeignBag
-        self._view: PlainView | None = None  # where it is compressed
-        self._is_packed = False  # each message by itself
+    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
+        self.path = Path(path)
+        self.files: list[Any] = []  # McapFile or ForeignBag
         try:
-            with self._named():
-                self._open()
+            self._open()
             if not is_empty_allowed and self.num_messages == 0:
                 raise BagError(f"{self.path}: expected messages, found an empty bag")
         except BaseException:
@@ -45,32 +38,16 @@ class BagReader:
             raise
 
     def _open(self) -> None:
-        information = _information(self.path / "metadata.yaml")
-        source = lone_file(self.path) if information is None else self.path
-        if information is not None and (mode := compression_of(information)) != "none":
-            self._view = PlainView(self.path, information)
-            source, information, self._is_packed = self._view.path, self._view.description, mode == "message"
-        if is_foreign(source, information):
-            from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
-
-            self.files.append(ForeignBag(source))
+        told = _information(self.path / METADATA)
+        if told is not None and (told.compression_mode or "none").lower() != "none":
+            self.files.append(_foreign(self.path))
         else:
-            self.files += [McapFile(name, damages=self.damages) for name in _mcap_files(source, information)]
+            self.files += map(_open_file, _stored(self.path, told))
         self.topics: dict[str, TopicInfo] = {}
         for info in (info for file in self.files for info in file.topics.values()):
             self.topics.setdefault(info.name, replace(info, count=0)).count += info.count
             if not (info.name + info.type).isprintable():
                 raise BagError(f"{self.path}: topic: expected a printable name and type, found {short(info.name)}")
-
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        """Errors name the bag, not the folder that it was unpacked into."""
-        try:
-            yield
-        except BagError as error:
-            if self._view is None:
-                raise
-            raise BagError(str(error).replace(str(self._view.path), str(self.path))) from None
 
     @property
     def num_messages(self) -> int:
@@ -99,9 +76,7 @@ class BagReader:
         """Yield serialized messages in order of time; all topics, or those named."""
         names = None if topics is None else {absolute(topic) for topic in topics}
         streams = [file.raw(names, start_ns, end_ns) for file in self.files]
-        found = heapq.merge(*streams, key=lambda item: item.stamp_ns)
-        with self._named():
-            yield from map(self._unpacked, found) if self._is_packed else found
+        yield from heapq.merge(*streams, key=lambda item: item.stamp_ns)
 
     def messages(
         self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -121,8 +96,6 @@ class BagReader:
         """Close the files."""
         for file in self.files:
             file.close()
-        if self._view is not None:
-            self._view.close()
 
     def __enter__(self) -> Self:
         return self
@@ -139,10 +112,6 @@ class BagReader:
             raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
         return kind
 
-    def _unpacked(self, item: Recorded) -> Recorded:
-        with told_at(f"{self.path}: {item.topic}", BagError):
-            return item._replace(message=unpack(item.message, "zstd", MAX_CHUNK))
-
 
 def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
@@ -150,38 +119,55 @@ def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
         return from_bytes(data, kind)
 
 
-def _mcap_files(path: Path, information: dict[str, Any] | None) -> list[Path]:
+@dataclass(frozen=True)
+class _Information:
+    """What metadata.yaml says of a bag, as far as it is used."""
+
+    relative_file_paths: tuple[str, ...]
+    compression_mode: str | None = None
+
+
+def _information(metadata: Path) -> _Information | None:
+    """Return what metadata.yaml says of a bag; None where there is none."""
+    if not metadata.is_file():
+        return None
+    with told_at(metadata, BagError):
+        found = required(load_yaml("YAML", read_text(metadata, "description of a bag", MAX_FILE_BYTES)), "YAML", [KEY])
+        information: _Information = read_as(_Information, found[KEY], KEY)
+    return information
+
+
+def _stored(path: Path, information: _Information | None) -> list[Path]:
+    """Return the files with the messages of a bag."""
     if not path.exists():
-        partial = path.with_name(path.name + ".partial")
+        partial = path.with_name(path.name + PARTIAL)
         hint = f", found {partial} of an interrupted run" if partial.exists() else ", found none"
         raise BagError(f"{path}: expected a bag (a folder, or a file .mcap, .db3 or .bag){hint}")
-    if path.is_file():
+    if not path.is_dir():
         return [path]
     if information is None:
-        files = sorted(path.glob("*.mcap"))
+        files = sorted(file for file in path.iterdir() if file.suffix in (".mcap", SQLITE, ROS1))
     else:
-        files = [path / Path(name).name for name in information["relative_file_paths"]]
+        files = [path / Path(name).name for name in information.relative_file_paths]
     if not files:
-        raise BagError(f"{path}: expected metadata.yaml or .mcap files, found neither")
+        raise BagError(f"{path}: expected {METADATA}, .mcap, .db3 or .bag files, found none of them")
     for file in files:
         if not file.is_file():
-            raise BagError(f"{path / 'metadata.yaml'}: relative_file_paths: expected {file.name}, found no such file")
+            raise BagError(f"{path / METADATA}: relative_file_paths: expected {file.name}, found no such file")
     return files
 
 
-def _information(metadata: Path) -> dict[str, Any] | None:
-    """Return what metadata.yaml says of a bag, checked as far as it is used; None where there is none."""
-    if not metadata.is_file():
-        return None
-    try:
-        text = read_text(metadata, "description of a bag", MAX_FILE_BYTES)
-        found = required(load_yaml(metadata, text), f"{metadata}", ["rosbag2_bagfile_information"])
-        fields = ["storage_identifier", "relative_file_paths"]
-        information = required(found["rosbag2_bagfile_information"], f"{metadata}: rosbag2_bagfile_information", fields)
-        choice(information["storage_identifier"], f"{metadata}: storage_identifier", ["mcap", "sqlite3"])
-    except ValueError as error:
-        raise BagError(str(error)) from None
-    names = information["relative_file_paths"]
-    if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
-        raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
-    return dict(information)
+def _open_file(path: Path) -> Any:
+    """Return the open file, by `mcap` where it is MCAP with an index."""
+    if path.suffix not in (SQLITE, ROS1):
+        file = McapFile(path)
+        if file.is_indexed:
+            return file
+        file.close()
+    return _foreign(path)
+
+
+def _foreign(path: Path) -> Any:
+    from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
+
+    return ForeignBag(path)

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 from rclpy.qos import QoSProfile
 
+SQLITE, ROS1 = ".db3", ".bag"  # ends of the names of files
+SALVAGE = "to read what is whole: sqlite3 BAG.db3 .recover | sqlite3 NEW.db3, then ros2 bag reindex"
+
 
 class BagError(ValueError):
     """What is wrong with a bag or a map, in one line: file, what was expected, what was found."""

@@ -25,7 +25,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import BagError, Recorded
+from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
@@ -235,12 +235,7 @@ def replay(
     for topic, stamp, data in bag.raw(topics):
         yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
-            try:
-                _deliver(bag, topic, data, wanted)
-            except BagError as error:
-                if bag.damages is None:
-                    raise
-                bag.damages.append(f"{error}, recorded at {stamp} ns")
+            _deliver(bag, topic, data, wanted)
         yield from bus.settle()
         progress(1)
 

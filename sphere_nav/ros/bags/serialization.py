@@ -6,22 +6,19 @@ must not: two savings of one map are the same bytes, and nothing from the memory
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from rclpy.serialization import serialize_message
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.interfaces import schema_text, type_name
+from sphere_nav.ros.interfaces import type_name, type_store
 
 
 def serialize_to_store(message: Any) -> bytes:
     """Return the message in CDR with zeros between its fields."""
     name = type_name(type(message))
-    store = _type_store(name)
+    store = type_store(name)
     return bytes(store.serialize_cdr(store.deserialize_cdr(serialize_message(message), name), name))
 
 
@@ -32,14 +29,7 @@ def view_message(data: memoryview, kind: type[Any], where: str) -> Any:
     """
     name = type_name(kind)
     try:
-        return _type_store(name).deserialize_cdr(data, name)
+        return type_store(name).deserialize_cdr(data, name)
     except Exception as error:  # whatever bytes of anyone lead to
         found = f"{len(data)} bytes that are none: {printable(str(error))}"
         raise BagError(f"{where}: expected {name}, found {found}") from None
-
-
-@cache
-def _type_store(name: str) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(schema_text(name), name))
-    return store

@@ -60,7 +60,6 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._span: tuple[int, int] | None = None  # from the first stamp to the last
-        self._custom: dict[str, str] = {}
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
         self.is_complete = False
@@ -118,10 +117,6 @@ class BagWriter:
     def position(self) -> int:
         """Bytes of the file so far; where the next chunk begins after `end_chunk`."""
         return self._file.tell()
-
-    def annotate(self, key: str, value: str) -> None:
-        """Add a word to the bag's `custom_data`."""
-        self._custom[key] = value
 
     @property
     def num_messages(self) -> int:
@@ -214,7 +209,7 @@ class BagWriter:
             "compression_mode": "",
             "relative_file_paths": [self.file_name],
             "files": [{"path": self.file_name, **deepcopy(extent)}],  # else YAML would refer to the first
-            "custom_data": self._custom or None,
+            "custom_data": None,
             "ros_distro": DISTRIBUTION,
         }
 

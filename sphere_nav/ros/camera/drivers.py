@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, mapping, read_as, read_text, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_as, read_text, required, short
 from sphere_nav.ros.shared_files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
 INPUTS = ("rgbd", "stereo", "mono", "panorama")
 OPTIONAL = ("odom", "imu")
-FIELDS = ("title", "source", "input", "root", "topics", "encodings")
 TRANSPORTS = ("", "/compressed", "/compressedDepth")
 
 
@@ -82,8 +81,7 @@ def topics_by_driver(driver: str) -> dict[str, str]:
 
 
 def _driver(path: Path, content: Any) -> Driver:
-    given = mapping(content, str(path), FIELDS)
-    driver: Driver = read_as(Driver, {"name": path.stem, **given}, str(path))
+    driver: Driver = read_as(Driver, {"name": path.stem, **required(content, str(path), ())}, str(path))
     choice(driver.input, f"{path}: input", INPUTS)
     topics = {ours: theirs.strip("/") for ours, theirs in driver.topics.items()}
     return replace(driver, root=driver.root.strip("/"), topics=topics)

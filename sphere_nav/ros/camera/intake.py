@@ -45,9 +45,8 @@ class Cameras:
         rig: RigParams | None = None,
         calibration: Rig | None = None,
         has_depth: bool = False,
-        has_sphere_info: bool = False,
     ) -> None:
-        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas.
+        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used.
 
         `rig`: of several cameras; `calibration` gives their lenses and poses, else camera_info and /tf_static do.
         """
@@ -63,7 +62,7 @@ class Cameras:
         slack_s = DEPTH_SLACK_S if rig is None else rig.slack
         self._synchronizer = Synchronizer((*names, *[DEPTH] * has_depth), slack_s)
         self._faults: dict[str, Verdict] = {}
-        self._streams = {name: self._stream(name, calibration, has_sphere_info=has_sphere_info) for name in names}
+        self._streams = {name: self._stream(name, calibration) for name in names}
         if has_depth:
             self._subscribe_depth()
 
@@ -108,7 +107,7 @@ class Cameras:
         only = self._streams.get(ONLY[0])
         return (only.T_base_camera if only else None) or SE3.identity()
 
-    def _stream(self, name: str, calibration: Rig | None, *, has_sphere_info: bool) -> CameraStream:
+    def _stream(self, name: str, calibration: Rig | None) -> CameraStream:
         fixture, mounting = Fixture(name), self._mounting
         if calibration is not None:
             camera = calibration.camera(name)
@@ -117,7 +116,7 @@ class Cameras:
             fixture = Fixture(name, lambda: mounting @ T_BODY_OPTICAL)
         callbacks = partial(self._on_camera, name), partial(self._on_fault, name)
         shared = self._endpoints, self._params, self._tf, self.odometry, fixture
-        return CameraStream(*shared, *callbacks, has_sphere_info=has_sphere_info)
+        return CameraStream(*shared, *callbacks)
 
     def _subscribe_depth(self) -> None:
         self._depth_info: CameraInfo | None = None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, number, read_text, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, numbers, read_text, short
 from sphere_nav.geometry.plausible import check_mounting
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -23,19 +23,15 @@ def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
     """
     if not text:
         return None
-    values = _from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(",")
-    found = parse_mounting(values, what)
-    if found is None:
-        raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(text)}")
-    return found
+    return parse_mounting(_from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(","), what)
 
 
-def parse_mounting(values: object, what: str) -> SE3 | None:
-    """Return the place of six numbers, None for anything else; ValueError for a place that is on no vehicle."""
+def parse_mounting(values: object, what: str) -> SE3:
+    """Return the place of six numbers; ValueError for anything else, and for a place that is on no vehicle."""
     try:
-        x, y, z, roll, pitch, yaw = [number(value, what) for value in values]  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        return None
+        x, y, z, roll, pitch, yaw = numbers(values, what, len(NAMES))
+    except ValueError:
+        raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(values)}") from None
     check_mounting(np.array([x, y, z]), what)
     return SE3.from_angles(roll, pitch, yaw, [x, y, z])
 

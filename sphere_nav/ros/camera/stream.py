@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -68,25 +69,18 @@ class CameraStream:
         fixture: Fixture,
         on_picture: Callable[[Picture], None],
         on_refusal: Callable[[int, Verdict], None],
-        *,
-        has_sphere_info: bool = False,
     ) -> None:
-        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas."""
+        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used."""
         self._endpoints, self._params, self._tf, self._odometry = endpoints, params, tf, odometry
         self._on_picture, self._on_refusal, self._fixture = on_picture, on_refusal, fixture
         self._waiting: deque[AnyImage] = deque()
         self.forget_camera()
         profile = qos.DEEP if params.every_image else qos.SENSOR
-        is_known = fixture.camera is not None or params.is_panorama
         prefix = f"cameras/{fixture.name}/" if fixture.name else ""
-        if not is_known:
-            endpoints.add_subscription(
-                f"{prefix}camera_info", CameraInfo, self._on_camera_info, profile, is_required=not has_sphere_info
-            )
-        if has_sphere_info and not is_known:
-            endpoints.add_subscription(
-                f"{prefix}sphere_info", SphereInfo, self._on_sphere_info, profile, is_required=False
-            )
+        if fixture.camera is None and not params.is_panorama:
+            add = partial(endpoints.add_subscription, profile=profile, is_required=False)  # one of the two comes
+            add(f"{prefix}camera_info", CameraInfo, self._on_camera_info)
+            add(f"{prefix}sphere_info", SphereInfo, self._on_sphere_info)
         topic, kind = image_topic(f"{prefix}image_raw", params.transport)
         self.images = endpoints.add_subscription(topic, kind, self._on_image, profile)
 

@@ -63,28 +63,29 @@ def _fields(layout: np.dtype[Any]) -> list[tuple[str, int, int, int]]:
 
 def message_to_cloud(message: PointCloud2) -> Floats:
     """Return the points (N, 3) in m whose three coordinates are finite."""
-    order = ">" if message.is_bigendian else "<"
-    fields = {field.name: field for field in message.fields}
-    width, height, step = int(message.width), int(message.height), int(message.point_step)
-    row_step = int(message.row_step)
-    needed = row_step * height
-    is_short = len(message.data) < needed or max(needed, width * height) > LIMITS["cloud"]
-    if is_short or min(width, height, step) < 0 or row_step < width * step:
-        raise ValueError(f"cloud data: expected {height} rows of {row_step} bytes, found {len(message.data)} bytes")
-    if width * height == 0:
+    if not message.width * message.height:
         return np.empty((0, 3), np.float32)
-    axes = []
-    for name in "xyz":
-        field = fields.get(name)
-        kind = KINDS.get(field.datatype) if field is not None else None
-        if field is None or kind is None:
-            raise ValueError(f"cloud: expected a field of numbers {name!r}, found {sorted(fields)}")
-        dtype = np.dtype(order + kind)
-        if not 0 <= field.offset <= step - dtype.itemsize:
-            raise ValueError(f"cloud field {name}: expected to end within {step} bytes, found offset {field.offset}")
-        axis = np.ndarray((height, width), dtype, bytes(message.data), field.offset, (row_step, step))
-        axes.append(axis.astype(np.float64).ravel())
-    points = np.stack(axes, axis=1)
+    order = ">" if message.is_bigendian else "<"
+    fields = {field.name: field for field in message.fields if field.datatype in KINDS}
+    if not fields.keys() >= set("xyz"):
+        raise ValueError(f"cloud: expected fields of numbers x, y and z, found {sorted(fields)}")
+    shape, strides = (message.height, message.width), (message.row_step, message.point_step)
+    size = message.row_step * message.height
+    if size > LIMITS["cloud"] or message.width * message.height > LIMITS["cloud"]:
+        raise ValueError(f"cloud data: expected at most {LIMITS['cloud']} bytes, found {size}")
+    if len(message.data) < size or message.row_step < message.width * message.point_step:
+        found = f"{len(message.data)} bytes"
+        raise ValueError(f"cloud data: expected {message.height} rows of {message.row_step} bytes, found {found}")
+    layout = np.dtype(
+        {
+            "names": list("xyz"),
+            "formats": [order + KINDS[fields[axis].datatype] for axis in "xyz"],
+            "offsets": [fields[axis].offset for axis in "xyz"],
+            "itemsize": message.point_step,  # ValueError for a field beyond it
+        }
+    )
+    table = np.ndarray(shape, layout, bytes(message.data), 0, strides)
+    points = np.stack([table[axis].astype(np.float64).ravel() for axis in "xyz"], axis=1)
     points = points[np.isfinite(points).all(axis=1)]
     if points.size and (largest := np.abs(points).max()) > MAX_NUMBER:
         raise ValueError(f"cloud: expected coordinates up to {MAX_NUMBER:g} m, found {largest:g}")

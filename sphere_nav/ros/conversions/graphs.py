@@ -25,7 +25,6 @@ from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
-MAX_ID = np.iinfo(np.uint32).max
 MARKER_SIZE = 0.2  # m
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
 COLORS = {
@@ -93,8 +92,6 @@ def messages_to_experiences(graph: SphereGraph, messages: Iterable[MapExperience
 
 
 def _vertex(node: KeySphere) -> KeySphereVertex:
-    if not 0 <= node.id <= MAX_ID:
-        raise ValueError(f"key sphere id: expected 0 to {MAX_ID}, found {node.id}")
     pose = se3_to_pose(node.T_map_sphere)
     return KeySphereVertex(id=node.id, stamp=ns_to_time(node.stamp_ns), pose=pose, region_radius=node.region_radius_m)
 

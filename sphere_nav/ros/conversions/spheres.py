@@ -26,7 +26,6 @@ from sphere_nav.spheres.sphere import Sphere
 # compression it would try all five filters on every row; else each pixel is told from its left neighbour, 5 ... 9 %
 # larger.
 PNG_SETTINGS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-ROWS = 64  # that are turned at once
 MODES = {2: AugmentedSphere.MONO8, 3: AugmentedSphere.RGB8}  # by the axes of an image
 
 
@@ -89,7 +88,11 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
 def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: bool) -> Bytes:
     raw = np.frombuffer(data, np.uint8)
     if encoding == AugmentedSphere.PNG:
-        return _decode_file(raw, shape, "image", cv2.IMREAD_GRAYSCALE if is_gray else cv2.IMREAD_UNCHANGED)
+        mode = cv2.IMREAD_GRAYSCALE if is_gray else cv2.IMREAD_UNCHANGED
+        with told_at("image"):
+            pixels: Any = decode_file(raw, LIMITS["sphere"], mode, shape[::-1], "info")
+        found: Bytes = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.shape[2:] == (3,) else pixels
+        return found
     if encoding not in MODES.values():
         raise ValueError(f"image_encoding: expected mono8, rgb8 or png, found {encoding!r}")
     is_color = encoding == AugmentedSphere.RGB8
@@ -122,15 +125,6 @@ def _check_encoding(name: str, found: str, expected: str) -> None:
 def _decode_codes(data: Any, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:
     _check_bytes(len(data), math.prod(shape) * np.dtype(dtype).itemsize, name)
     return np.frombuffer(data, dtype).reshape(shape)
-
-
-def _decode_file(raw: Bytes, shape: tuple[int, int], name: str, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
-    with told_at(name):
-        pixels = decode_file(raw, LIMITS["sphere"], mode, shape[::-1], "info")
-    if pixels.shape[2:] == (3,):
-        for row in range(0, len(pixels), ROWS):  # in its place: a sphere in colour takes as much as all else of it
-            pixels[row : row + ROWS] = cv2.cvtColor(pixels[row : row + ROWS], cv2.COLOR_BGR2RGB)
-    return pixels
 
 
 def _check_bytes(found: int, expected: int, name: str) -> None:

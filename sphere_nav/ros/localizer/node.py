@@ -45,7 +45,6 @@ CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; 
 class LocalizerNode(ManagedNode):
     """Converts, asks the localiser, converts back."""
 
-    HAS_SPHERE_INFO: ClassVar[bool] = False  # panoramas can be localised
     NO_MAP: ClassVar[str]  # what to do where there is nothing to localise in
     params: NodeParams
 
@@ -93,8 +92,7 @@ class LocalizerNode(ManagedNode):
 
     def make_intake(self) -> Cameras:
         """Subscribe to the camera."""
-        callbacks = self.on_picture, self.on_refusal
-        return Cameras(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
+        return Cameras(self.endpoints, self.params, self.on_picture, self.on_refusal)
 
     # --- what they share
     def configure(self) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 from sphere_nav_msgs.msg import AugmentedSphere, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
-from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.mcap_file import whole_messages
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
@@ -68,7 +67,7 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
             whole.add(int(message.id))
         elif topic == EXPERIENCE:
             experiences.append(message)
-        else:
+        elif topic in (INFO, GRAPH) and message.format_version == MapInfo.FORMAT_VERSION:
             last[topic] = message
     if not whole:
         raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
@@ -81,7 +80,7 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     graph = SphereGraph([node for node in known if node.id in kept], edges)
     for one in experiences:
         graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
-    names = {"source": info.source, "parameters": _parameters(info), "rig": info.rig}
+    names = {"source": info.source, "parameters": load_yaml(file, info.parameters), "rig": info.rig}
     details = MapDetails(told.map_id, told.software, frame_id=told.header.frame_id, **names)
     spheres = (message for topic, message in _readable(file) if topic == SPHERE)
     write_stored(Path(target), graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
@@ -93,31 +92,8 @@ def _made_small(whole: AugmentedSphere) -> AugmentedSphere:
 
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:
-    """Yield topic and message of all that is whole in a map and of this format."""
-    with closing(McapFile(file, damages=[], is_cut=True)) as reader:
-        yield from _readable_parts(reader)
-
-
-def _readable_parts(reader: McapFile) -> Iterator[tuple[str, Any]]:
-    for channel, record in reader.messages():
-        kind, schema = KINDS.get(channel.topic), reader.summary.schemas.get(channel.schema_id)
-        if kind is None or schema is None or schema.name != type_name(kind):
-            continue
-        with suppress(BagError, ValueError):  # what is damaged is left out
-            message = deserialize(record.data, kind, str(reader.path))
-            if channel.topic == SPHERE:
-                message_to_sphere(message)
-            elif channel.topic == GRAPH:
-                message_to_graph(message)
-            if channel.topic in (SPHERE, EXPERIENCE) or (
-                channel.topic in (INFO, GRAPH) and message.format_version == MapInfo.FORMAT_VERSION
-            ):
-                yield channel.topic, message
-
-
-def _parameters(info: MapInfo) -> dict[str, Any]:
-    try:
-        found = load_yaml("parameters", info.parameters)
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
+    """Yield topic and message of all that is whole in a map."""
+    for schema, channel, record in whole_messages(file):
+        kind = KINDS.get(channel.topic)
+        if kind is not None and schema.name == type_name(kind):
+            yield channel.topic, deserialize(record.data, kind, str(file))

@@ -14,13 +14,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from mcap.records import ChunkIndex
+from mcap.records import ChunkIndex, Message
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
+from sphere_nav.ros.bags.mcap_file import McapFile, read_chunk
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
@@ -88,6 +89,8 @@ class MapReader:
             raise BagError(f"{file}: expected a map, found no such file")
         self._bag = BagReader(file)
         try:
+            if not isinstance(self._bag.files[0], McapFile):
+                raise BagError(f"{file}: expected a map with an index, found none")
             self.info = self._read_info()
             self.graph = self._read_graph()
             self.parameters = self._read_parameters()
@@ -161,16 +164,9 @@ class MapReader:
     @cached_property
     def T_base_sphere(self) -> SE3 | None:
         """The spheres of the first drive on its vehicle; None where the map does not say it. BagError for nonsense."""
-        values, what = self.parameters.get(SPHERE_ON_BASE), f"{self.path}: {SPHERE_ON_BASE}"
-        if values is None:
-            return None
-        try:
-            found = parse_mounting(values, what)
-        except ValueError as error:
-            raise BagError(str(error)) from None
-        if found is None:
-            raise BagError(f"{what}: expected x, y, z, roll, pitch, yaw (m, rad), found {short(values)}")
-        return found
+        values = self.parameters.get(SPHERE_ON_BASE)
+        with told_at(self.path, BagError):
+            return None if values is None else parse_mounting(values, SPHERE_ON_BASE)
 
     def close(self) -> None:
         """Close the file."""
@@ -195,14 +191,9 @@ class MapReader:
     def _read_graph(self) -> SphereGraph:
         self._bag.require(GRAPH, KeySphereGraph)
         message = list(self._bag.messages([GRAPH]))[-1].message
-        if message.format_version != MapInfo.FORMAT_VERSION:
-            found = message.format_version
-            raise BagError(f"{self.path}: graph format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
-        told_of = self._bag.topics.get(EXPERIENCE)
-        has_experiences = told_of is not None and told_of.count > 0
-        if has_experiences:
+        if EXPERIENCE in self._bag.topics and self._bag.topics[EXPERIENCE].count:
             self._bag.require(EXPERIENCE, MapExperience)
-        told = [item.message for item in self._bag.messages([EXPERIENCE])] if has_experiences else []
+        told = [item.message for item in self._bag.messages([EXPERIENCE])]
         with told_at(f"{self.path}: graph", BagError):
             graph = messages_to_experiences(message_to_graph(message), told)
         if not len(graph):
@@ -212,10 +203,8 @@ class MapReader:
         return graph
 
     def _read_parameters(self) -> dict[str, Any]:
-        try:
-            values = load_yaml(f"{self.path}: parameters", self.info.parameters) or {}
-        except ValueError as error:
-            raise BagError(str(error)) from None
+        with told_at(self.path, BagError):
+            values = load_yaml("parameters", self.info.parameters) or {}
         if not isinstance(values, dict):
             raise BagError(f"{self.path}: parameters: expected YAML of names and values, found {short(values)}")
         return values
@@ -245,8 +234,9 @@ class MapReader:
 
     def _data_of(self, index: ChunkIndex) -> memoryview:
         """Return the bytes of the message of a key sphere."""
-        file = self._bag.files[0]
-        found = [message for channel, message in file.chunk(index) if channel.topic == SPHERE]
+        with told_at(f"{self.path}: chunk at byte {index.chunk_start_offset}", BagError):
+            records = read_chunk(self._bag.files[0].stream, index.chunk_start_offset)
+        found = [record for record in records if isinstance(record, Message)]
         if len(found) != 1:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
         return memoryview(found[0].data)

@@ -59,7 +59,7 @@ class Recipe:
 class MappedDrive:
     """What was mapped, by what camera, and what was not.
 
-    refused: how often, by the words with {n} in the place of the number. damages: what cannot be read of the bag.
+    refused: how often, by the words with {n} in the place of the number.
     """
 
     recipe: Recipe
@@ -67,7 +67,6 @@ class MappedDrive:
     mount: CameraMount
     num_lost: int = 0
     refused: dict[str, int] = field(default_factory=dict)
-    damages: list[str] = field(default_factory=list)
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
@@ -134,7 +133,6 @@ class MappedDrive:
             f"closed, {placed.distances[-1]:.2f} m"
         )
         lines += [f"refused: {self.refusal}"] if self.refusal else []
-        lines += [f"not readable, left out: {'; '.join(self.damages)}"] if self.damages else []
         if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
@@ -153,9 +151,9 @@ class MappedDrive:
 
 def truth_of(path: Path) -> Truth | None:
     """Return the true poses of a bag, None where it has none."""
-    with BagReader(path, damages=[]) as bag:
+    with BagReader(path) as bag:
         topics = truth_topics(bag)
-    return Truth(read_poses(path, (topics[0],), []), is_base=topics[0].endswith("odometry")) if topics else None
+    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
 
 
 def fit_poses(theirs: SE3, ours: SE3) -> SE3:

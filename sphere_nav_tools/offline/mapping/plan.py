@@ -23,7 +23,7 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
     details = MapDetails(source=arguments.bag.name, rig=rig)
-    with BagReader(arguments.bag, damages=[]) as bag:
+    with BagReader(arguments.bag) as bag:
         finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":

@@ -23,14 +23,14 @@ def replay_mapper(
     recipe: Recipe, make: Callable[[MapperParams], Mapper], executor: Executor | None = None
 ) -> MappedDrive:
     """Play a bag to the mapper that is made; an `executor` stitches."""
-    damages, bus, stitching = list[str](), OfflineBus(captured=set()), None
+    bus, stitching = OfflineBus(captured=set()), None
     if recipe.stitcher is not None:
         stitching = bus.add(StitcherAhead, *recipe.stitcher)
         stitching.executor = executor
     node = bus.add(SphereMapper, recipe.values, recipe.remap)
     node.mapper = make(node.params.mapper)
     try:
-        with BagReader(recipe.bag, damages=damages) as bag:
+        with BagReader(recipe.bag) as bag:
             hear_beginning(bag, node, recipe.remap.get("imu", ""))
             if recipe.pair is not None:
                 node.intake.stereo.use(recipe.pair)
@@ -48,7 +48,7 @@ def replay_mapper(
         if stitching is not None:
             stitching.cleanup()
     node.mapper.keep_end()
-    return MappedDrive(recipe, node.mapper, node.mount, node.num_lost, refusals(node, stitching), damages)
+    return MappedDrive(recipe, node.mapper, node.mount, node.num_lost, refusals(node, stitching))
 
 
 def refusals(node: SphereMapper, stitching: StitcherAhead | None) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""One folder for each text of a package's kernels."""
+"""One folder for each text of all kernels."""
 
 import pytest
 
@@ -23,24 +23,15 @@ def forget():
     folder.cache_folder.cache_clear()
 
 
-def present(package):
+def present():
     folder.cache_folder.cache_clear()
-    return folder.cache_folder(package)
+    return folder.cache_folder()
 
 
-def test_an_edit_means_another_folder_for_that_package_only(copy):
-    before = present("mcl_depth"), present("sphere_nav")
+def test_an_edit_of_any_kernel_means_another_folder(copy):
+    before = present()
     (copy / "mcl_depth" / "likeness" / "kernels.py").write_text("# edited\n")
-    assert present("mcl_depth") != before[0]
-    assert present("sphere_nav") == before[1]
-
-
-def test_an_edit_of_a_called_package_means_another_folder(copy):
-    caller = copy / "mcl_depth" / "likeness" / "kernels.py"
-    caller.write_text("from sphere_nav.photometric.pixels.kernels import warp\n")
-    before = present("mcl_depth")
-    (copy / "sphere_nav" / "photometric" / "kernels.py").write_text("# edited\n")
-    assert present("mcl_depth") != before
+    assert present() != before
 
 
 def test_kernels_of_the_project_have_a_name_and_no_other_file(copy):
@@ -50,14 +41,14 @@ def test_kernels_of_the_project_have_a_name_and_no_other_file(copy):
 
 
 def test_the_same_text_elsewhere_has_the_same_folder(copy, tmp_path, monkeypatch):
-    before = present("sphere_nav")
+    before = present()
     (tmp_path / "at").rename(tmp_path / "moved")
     monkeypatch.setattr(folder, "ROOT", tmp_path / "moved")
-    assert present("sphere_nav") == before
+    assert present() == before
 
 
 def test_the_oldest_texts_are_removed(copy):
-    root = present("sphere_nav").parent
+    root = present().parent
     for number in range(20):
         (root / f"old{number}").mkdir(parents=True)
     gone = folder.remove_old()

@@ -14,12 +14,12 @@ from sphere_nav.photometric.align.descent import kernels as descent
 
 def test_kernels_of_the_project_are_kept_in_the_folder_of_their_text():
     path = Path(descent.exponential._cache.cache_path)
-    assert path == cache_folder("sphere_nav") / "sphere_nav.photometric.align.descent"
+    assert path == cache_folder() / "sphere_nav.photometric.align.descent"
 
 
 def test_a_folder_that_cannot_be_written_is_left_to_numba(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(kernels, "cache_folder", lambda package: tmp_path / "file" / "folder")
+    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path / "file" / "folder")
     assert kernels.TextLocator.from_function(descent.exponential.py_func, descent.__file__) is None
 
 

@@ -1,14 +1,8 @@
 from __future__ import annotations
 
-import subprocess
-import sys
-
-import pytest
 import yaml
 
-from sphere_nav.localization.params import NodeParams
 from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
-from sphere_nav.params.__main__ import main
 from sphere_nav.params.render import to_yaml
 
 
@@ -45,20 +39,3 @@ def test_the_yaml_file_holds_every_default_with_its_type() -> None:
     # rclpy refuses an integer for a float parameter, so floats must be written as floats
     assert [type(values[leaf.name]) for leaf in leaves(Whole)] == [leaf.type for leaf in leaves(Whole)]
     assert build(Whole, values) == Whole()
-
-
-def test_the_command_prints_the_file(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["sphere_nav.localization.params:NodeParams", "--node", "some_node"]
-    monkeypatch.setattr(sys, "argv", ["sphere_nav.params", *words])
-    assert main() == 0
-    assert capsys.readouterr().out == to_yaml(NodeParams, node="some_node")
-
-
-@pytest.mark.dds
-def test_an_unknown_class_is_one_line_and_exit_code_2() -> None:
-    name = "sphere_nav.photometric.params:Nothing"
-    command = [sys.executable, "-m", "sphere_nav.params", name]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert name in done.stderr.splitlines()[-1]

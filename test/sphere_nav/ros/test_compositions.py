@@ -75,7 +75,11 @@ def test_wrong_arguments_are_refused_in_one_line() -> None:
         ("localisation", {}, "map: expected a value"),
         ("localisation", {"map": "m", "drive": "true"}, r"drive \(is driver meant\?\): expected one of map, image"),
         ("localisation", {"map": "m", "image": "front image"}, "image: expected letters, digits, _ and /"),
-        ("localisation", {"map": "campus", "site": "rig.yaml"}, r"rig.yaml: /\w+: expected ros__parameters below it"),
+        (
+            "localisation",
+            {"map": "campus", "site": "rig.yaml"},
+            r"rig.yaml: \w+.*: expected /\*\*, or /\*\*/ and",
+        ),
     ]:
         with pytest.raises(ValueError, match=message):
             COMPOSITIONS[name].ready(given)
@@ -149,7 +153,7 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
 
     for module, names in {
         "launch": {"LaunchDescription": lambda items: items},
-        "launch.actions": {kind: record(kind) for kind in ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction")},
+        "launch.actions": {kind: record(kind) for kind in ("DeclareLaunchArgument", "OpaqueFunction")},
         "launch.substitutions": {"LaunchConfiguration": Configuration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": record("Node")},
@@ -182,8 +186,7 @@ def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeyp
     with pytest.raises(ValueError, match=r"nmae.*: expected one of"):
         check.function(typed)
     included = types.SimpleNamespace(argv=[], launch_configurations={"namespce": "car2", "robot": "r2"})
-    (told,) = check.function(included)  # of a launch file that includes this one, which may have names of its own
-    assert told.msg == "namespce (is namespace meant?): no argument of this launch file"
+    check.function(included)  # of a launch file that includes this one, which may have names of its own
     for node, start in zip(nodes, expected, strict=True):
         running, ending = (types.SimpleNamespace(is_shutdown=is_over) for is_over in (False, True))
         node.on_exit(types.SimpleNamespace(returncode=0), ending)

@@ -98,7 +98,7 @@ def test_a_callback_of_any_kind_is_called_again_after_it_raised(bare, failures, 
     assert {text.split(": ")[1].split(" ")[0] for text in texts} == {*calls}
     assert all("\n" not in text for text in texts)
     traced = [line for line in failures._log.lines if line.startswith("Traceback")]
-    assert len(traced) == 1  # of one place, once
+    assert len(traced) == len(calls)  # of each, once
 
 
 def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(bare, monkeypatch):
@@ -221,23 +221,21 @@ def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
     answer = desk.ask(SetParametersAtomically, "set_parameters_atomically", request)
     assert (answer.result.successful, str(kind) in answer.result.reason) == (False, True)
     assert desk.works(kind)
-    assert (desk.shell.node.params.gain, desk.executor.failures.num_failed) == (2.5, 2)
+    assert (desk.shell.node.params.gain, desk.executor.failures.num_failed) == (2.5, 0)
 
 
 def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
     desk = make_desk(autostart=False)
     clock = desk.peer.create_publisher(Clock, "/clock", 10)
 
-    def choose(*values):
-        odd = [typed("use_sim_time", 1, bool_value=value) for value in values]
-        request = SetParametersAtomically.Request(parameters=odd)
+    def choose(value):
+        request = SetParametersAtomically.Request(parameters=[typed("use_sim_time", 1, bool_value=value)])
         return desk.ask(SetParametersAtomically, "set_parameters_atomically", request).result
 
     assert choose(True).successful
     clock_of = desk.shell.get_clock
     assert clock_of().ros_time_is_active
     assert choose(False).successful
-    assert choose(True, False).reason == "use_sim_time: expected one value, found several"
     desk.shell.trigger_configure()
     refused = choose(True)
     assert not refused.successful

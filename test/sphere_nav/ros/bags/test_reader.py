@@ -98,7 +98,7 @@ def test_an_absent_cut_or_empty_bag(tmp_path):
     with pytest.raises(BagError, match=r"found .*cut\.partial of an interrupted run"):
         BagReader(tmp_path / "cut")
     (empty := tmp_path / "folder").mkdir()
-    with pytest.raises(BagError, match=r"expected metadata\.yaml or \.mcap files, found neither"):
+    with pytest.raises(BagError, match=r"expected metadata\.yaml, \.mcap, \.db3 or \.bag files, found none"):
         BagReader(empty)
 
 

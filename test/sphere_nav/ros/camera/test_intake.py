@@ -29,12 +29,12 @@ MOUNT = SE3.exp([0.5, 0.0, 1.4, -0.3, 0.1, 0.3])
 
 
 class Gate:
-    def __init__(self, *, has_sphere_info=False, rig=None, **values):
+    def __init__(self, *, rig=None, **values):
         self.bus, self.pictures, self.refusals = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
         callbacks = self.pictures.append, lambda stamp, finding: self.refusals.append((stamp // SECOND, finding))
         params = NodeParams(**values)
-        self.intake = Cameras(self.node.endpoints, params, *callbacks, rig=rig, has_sphere_info=has_sphere_info)
+        self.intake = Cameras(self.node.endpoints, params, *callbacks, rig=rig)
 
     def image(self, second, frame="optical", encoding="mono8"):
         self.send("image_raw", array_to_image(PIXELS, second * SECOND, frame, encoding))
@@ -129,7 +129,7 @@ def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
 
 
 def test_panoramas_are_calibrated_by_sphere_info_or_told_to_be_whole():
-    gate = Gate(has_sphere_info=True)
+    gate = Gate()
     gate.mount()
     gate.send("sphere_info", camera_to_sphere_info(Spherical(16, 8), "optical"))
     gate.image(1)

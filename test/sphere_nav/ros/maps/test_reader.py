@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Message
 from sphere_nav_msgs.msg import MapInfo
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.bags.mcap_file import read_chunk
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import COARSE, EXPERIENCE, FEATURES, GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
 from sphere_nav.spheres.coarse import coarse_sphere
@@ -67,7 +69,8 @@ def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
         channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
         of_spheres = [index for index in file.summary.chunk_indexes if channel in index.message_index_offsets]
         assert len(of_spheres) == 3
-        assert all(len(file.chunk(index)) == 1 for index in of_spheres)
+        records = [read_chunk(file.stream, index.chunk_start_offset) for index in of_spheres]
+        assert [sum(isinstance(record, Message) for record in chunk) for chunk in records] == [1, 1, 1]
 
 
 def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
@@ -160,7 +163,6 @@ def with_field(wanted, **fields):
     ("change", "reason"),
     [
         (with_field(INFO, format_version=9), "format_version: expected 1, found 9"),
-        (with_field(GRAPH, format_version=2), "graph format_version: expected 1, found 2"),
         (with_field(INFO, num_spheres=4_000_000_000), "num_spheres: expected at most 10000000, found 4000000000"),
         (with_field(INFO, num_spheres=4), r"graph: expected 4 vertices \(info\), found 3"),
         (with_field(INFO, parameters="a: ["), "parameters: expected YAML"),
