@@ -30,6 +30,7 @@ from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
+from sphere_nav.ros.site_file import check_rules
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 TURN_S = 5e-4  # after which a thread lets another one run that waits; 10 times that by itself
@@ -61,7 +62,7 @@ def run(
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
 
         def serve() -> int:
-            status = _serve(node_class, stopped, values or {}, nodes, prepare)
+            status = _serve(node_class, words, stopped, values or {}, nodes, prepare)
             return status or int(any(node.unfinished() for node in nodes))
 
         return in_context(node_class.NAME, args, serve)
@@ -120,6 +121,7 @@ def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Fut
 
 def _serve(
     node_class: type[ManagedNode],
+    words: Sequence[str],
     stopped: Future,
     values: Mapping[str, Any],
     nodes: list[ManagedNode],
@@ -129,6 +131,9 @@ def _serve(
         shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
+        return 2
+    if not _check_remapping(shell, node_class.NAME, words):
+        shell.destroy_node()
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
@@ -145,6 +150,18 @@ def _serve(
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
+
+
+def _check_remapping(shell: LiveShell, name: str, words: Sequence[str]) -> bool:
+    """Say which rules of the command line rename nothing; whether none of them is a mistake."""
+    try:
+        lines = check_rules(words, name, shell.get_name(), shell.get_namespace(), shell.node.endpoints.driver_topics)
+    except ValueError as error:
+        shell.log.error(f"cannot start: {error}")
+        return False
+    for line in lines:
+        shell.log.warning(line)
+    return True
 
 
 def _watch(wakeups: socket.socket, stopped: Future, patience: float, unfinished: Callable[[], str]) -> None:
