@@ -211,7 +211,7 @@ def test_a_camera_counts_once_with_color_the_left_of_a_pair_and_never_in_infrare
     ],
 )
 def test_what_spheres_are_made_of_is_told_by_what_there_is(streams, chosen, has_rig, kind):
-    assert finder_of(streams, chosen).find_kind(has_rig=has_rig) == kind
+    assert finder_of(streams, chosen).find_source(has_rig=has_rig)[0] == kind
 
 
 def test_a_localizer_hears_what_its_parameters_say():
