@@ -14,7 +14,6 @@ from typing import Any, TypeAlias
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.chessboard import grid_sizes
@@ -24,6 +23,7 @@ from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav_tools.offline.importing.frames import VIDEOS, Video
+from sphere_nav_tools.offline.tables import progress
 
 Source: TypeAlias = Path | NDArray[Any]  # of a grey image: a file, or its levels
 NUM_SIZED = 4  # images of a camera whose boards are counted
@@ -58,7 +58,7 @@ def read_video(path: Path) -> Iterator[tuple[str, Source]]:
     """Yield images spread over a video, by their number."""
     video = Video(path)
     chosen = np.unique(np.linspace(0, video.number - 1, min(NUM_OF_VIDEO, video.number)).round().astype(int))
-    for index in tqdm(chosen, f"reading {path.name}", leave=False, unit="image"):
+    for index in progress(f"reading {path.name}", "image", chosen):
         yield f"{index:06d}", cv2.cvtColor(video.read(int(index)), cv2.COLOR_BGR2GRAY)
 
 
@@ -81,9 +81,7 @@ def detect_boards(
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = pool.map(lambda item: _find_boards(item[2], boards), work)
         try:
-            for item, answer in zip(
-                work, tqdm(found, "looking for boards", len(work), False, unit="image"), strict=True
-            ):
+            for item, answer in zip(work, progress("looking for boards", "image", found, len(work)), strict=True):
                 (name, instant, path), (size, seen) = item, answer
                 if sizes.setdefault(name, size) != size:
                     expected = "x".join(map(str, sizes[name]))
