@@ -1,4 +1,4 @@
-"""Which topics of anybody's bag a job reads, and why: named by the user, a driver or us, else the only ones that fit.
+"""Which topics of anybody's bag a job reads, and why: named by the user or us, else the only ones that fit.
 
 `TopicFinder` answers all commands alike, by the table of `topics`. What cannot be used is never found, but told with
 its reason.
@@ -149,7 +149,7 @@ class TopicFinder:
                 for ours, image in zip(group, images, strict=True):
                     info = ours.removesuffix("image_raw") + "camera_info"
                     if info in wanted or (ours == DEPTH and not _is_registered(images)):
-                        found[info] = self._calibration(info, image, found).topic
+                        found[info] = self.calibration_of(image, info, found.get(info, "")).topic
                     elif "sphere_info" in wanted and "sphere_info" not in found:
                         found["sphere_info"] = self._panorama(image).topic
         except BagError as error:
@@ -227,10 +227,6 @@ class TopicFinder:
             best.setdefault((view.frame_id or view.topic, view.size), view)
         return list(best.values())
 
-    def calibration_of(self, image: Stream) -> Stream:
-        """Return the CameraInfo of an image; BagError where that is not one."""
-        return self._calibration("camera_info", image, {})
-
     def slack_s(self, topic: str) -> float:
         """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
         return float(np.clip(0.33 / max(self.by_name[absolute(topic)].rate_hz, 1e-3), *SLACK_S))
@@ -291,17 +287,12 @@ class TopicFinder:
         return stream
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-        """Return what needs no search: what the user named, or a driver is known to call so, and our own names."""
+        """Return what needs no search: what the user named, and our own names."""
         firsts, kinds = {ours.split("/")[0] for ours in wanted}, {*KINDS, "image_raw"}
         checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
-        reason, others = "as named", {ours.split("/")[0] for ours in checked} - kinds  # beside what is wanted
-        drivers = [driver for driver in self.drivers() if set(wanted) <= {*driver.topics, "sphere_info"}]
-        if not self.chosen and drivers:
-            checked = drivers[0].find([stream.topic for stream in self.streams if _is_usable(stream)])
-            reason = f"as {drivers[0].name} calls them"
-        named = {ours: topic for ours, topic in checked.items() if ours.split("/")[0] in firsts | others}
+        named = {o: topic for o, topic in checked.items() if o.split("/")[0] in firsts or o.split("/")[0] not in kinds}
         own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}
-        return own | named, [reason] * bool(named) + ["by their names"] * (not own.keys() <= named.keys())
+        return own | named, ["as named"] * bool(named) + ["by their names"] * (not own.keys() <= named.keys())
 
     def _checked(self, ours: str, topic: str) -> str:
         if topic not in self.by_name:
@@ -352,11 +343,14 @@ class TopicFinder:
             raise BagError(f"expected one choice of {what}, found {len(candidates)}: {offered}; choose by {options}")
         return candidates[0], ", ".join(decisive)
 
-    def _calibration(self, ours: str, image: Stream, found: Mapping[str, str]) -> Stream:
-        """Return the CameraInfo of an image: of its namespace, else of its frame and size."""
+    def calibration_of(self, image: Stream, ours: str = "camera_info", known: str = "") -> Stream:
+        """Return the CameraInfo of an image: the known one, else of its namespace, else of its frame and size.
+
+        BagError where that is not one, or none of the image.
+        """
         infos = [stream for stream in self.streams if stream.type == CAMERA_INFO]
         beside = [info for info in infos if info.topic == image.base.rsplit("/", 1)[0] + "/camera_info"]
-        fitting = [self.by_name[found[ours]]] if ours in found else beside
+        fitting = [self.by_name[known]] if known else beside
         if not fitting:
             fitting = [info for info in infos if info.size == image.size or not image.width]
             fitting = [info for info in fitting if info.frame_id == image.frame_id] or fitting

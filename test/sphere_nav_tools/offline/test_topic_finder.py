@@ -56,7 +56,7 @@ def test_depth_that_is_registered_to_the_image_is_preferred_else_it_comes_with_i
         "camera_info": COLOR[1].topic,
         "depth/image_raw": ALIGNED[0].topic,
     }
-    assert choice.reason == "as realsense calls them"
+    assert choice.reason == "depth of that camera"
     found = find([*COLOR, *DEPTH], RGBD)
     assert (found["depth/image_raw"], found["depth/camera_info"]) == (DEPTH[0].topic, DEPTH[1].topic)
     renamed = [image("/a/rgb"), info("/a/camera_info"), image("/a/depth", "16UC1"), image("/a/far", "16UC1", "far")]
