@@ -43,13 +43,11 @@ class Processes:
         self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.running: dict[str, subprocess.Popen[bytes]] = {}
-        self._nodes: set[str] = set()  # of these: they end when they are told to
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        self._nodes.add(node)
         self.begin(node, node_command(node, "--ros-args", "--params-file", str(parameters)))
 
     def run(self, name: str, code: str, *words: str) -> None:
@@ -79,21 +77,9 @@ class Processes:
         return ended
 
     def check(self) -> None:
-        """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
-        for name, process in self.running.items():
-            status = process.poll()
-            if status or (status == 0 and name in self._nodes):
-                raise self._failure(name, status)
-
-    def wait(self, name: str) -> None:
-        """Wait for a process that ends by itself; RuntimeError with what it said last if that was no good end."""
-        status = self.running[name].wait()
-        if status:
-            raise self._failure(name, status)
-        del self.running[name]
-
-    def _failure(self, name: str, status: int) -> RuntimeError:
-        return RuntimeError(f"{name} ended with status {status}: {self.last_words(name) or 'it said nothing'}")
+        """Raise RuntimeError if one has ended by itself; the message shows what it said last."""
+        for name, status in self.take_ended().items():
+            raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name) or 'it said nothing'}")
 
     def last_words(self, name: str) -> str:
         """Return the last line that a process printed, empty where it said nothing."""

@@ -67,10 +67,6 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
 }
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
-WARM_UP = (
-    "from sphere_nav import photometric; photometric.warm_up(); "
-    "from sphere_mapping.acquisition.warm_up import warm_up; warm_up()"
-)
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
@@ -136,9 +132,8 @@ class Demo:
             self.seconds[name] = round(time.monotonic() - begun, 1)
 
     def teach(self) -> None:
-        """Drive the path once by the simulator's driver and record the cameras; compile what comes later beside."""
+        """Drive the path once by the simulator's driver and record the cameras."""
         with self.stage("teach"), self.processes("teach") as processes, DriveMonitor(processes, self.domain) as watch:
-            processes.run("warm_up", WARM_UP)
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
                 "cycab_sim",
@@ -146,7 +141,6 @@ class Demo:
             )
             self.follow(watch, "teaching drive", lambda: watch.has_told("taught"))
             processes.stop("bag_recorder")
-            processes.wait("warm_up")
 
     def map(self) -> None:
         """Make the map from the recording, by the command that a user types."""
