@@ -22,13 +22,12 @@ from rig_calibration.boards.sharpness import edge_width
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav_tools.offline.importing.frames import VIDEOS, Video
+from sphere_nav_tools.offline.importing.frames import VIDEOS, Video, is_image
 from sphere_nav_tools.offline.tables import progress
 
 Source: TypeAlias = Path | NDArray[Any]  # of a grey image: a file, or its levels
 NUM_SIZED = 4  # images of a camera whose boards are counted
 NUM_OF_VIDEO = 80  # images that are taken of a video
-SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
 def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
@@ -41,7 +40,7 @@ def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
             videos[re.sub(r"\W", "_", path.stem)] = dict(read_video(path))
             continue
         if path.is_dir():
-            files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            files = sorted(filter(is_image, path.iterdir()))
             name = path.resolve().name
         else:
             files = sorted(Path(item) for item in glob.glob(text))

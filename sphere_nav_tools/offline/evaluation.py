@@ -23,7 +23,7 @@ from sphere_nav.geometry.trajectory_error import (
     relative_errors,
 )
 from sphere_nav.ros.bags import BagReader
-from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
+from sphere_nav_tools.offline.pose_bags import count_of, is_bag, read_poses
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
@@ -174,7 +174,7 @@ def _statistics(values: np.ndarray) -> dict[str, float] | None:
 
 def truth_topics(bag: BagReader) -> list[str]:
     """Return the topics of true poses that a bag has."""
-    return [topic for topic in TRUTH_TOPICS if f"/{topic}" in bag.topics and bag.topics[f"/{topic}"].count]
+    return [topic for topic in TRUTH_TOPICS if count_of(bag, topic)]
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:

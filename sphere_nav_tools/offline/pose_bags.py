@@ -53,7 +53,7 @@ def read_poses(path: Path, topics: tuple[str, ...], damages: list[str] | None = 
     `damages` as of a BagReader.
     """
     with BagReader(path, damages=damages) as bag:
-        name = next((topic for topic in topics if _count(bag, topic)), topics[0])
+        name = next((topic for topic in topics if count_of(bag, topic)), topics[0])
         info = bag.require(name)
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
@@ -71,6 +71,7 @@ def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, 
             yield stamp, reading(message)
 
 
-def _count(bag: BagReader, topic: str) -> int:
+def count_of(bag: BagReader, topic: str) -> int:
+    """Return how many messages a bag has on a topic."""
     info = bag.topics.get("/" + topic.lstrip("/"))
     return info.count if info else 0

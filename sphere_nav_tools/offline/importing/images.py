@@ -36,9 +36,9 @@ from sphere_nav_tools.offline.importing.recording import (
     require_size,
 )
 from sphere_nav_tools.offline.importing.spherical import sphere_recording
+from sphere_nav_tools.offline.pose_bags import BAG_SUFFIXES
 from sphere_nav_tools.offline.topic_finder import ALONE
 
-BAGS = (".mcap", ".db3", ".bag", "metadata.yaml")
 RIG_FRAME = "rig_link"
 LEVELS = ("top", "bottom")
 OPTIONS = "--rig, --camera (one camera, with --baseline a rectified pair), --panorama or --baseline"
@@ -81,7 +81,7 @@ def open_images(
 
 def how_to_import(path: Path) -> list[str]:
     """Return what a video, or a folder of images, is, and the command for it; else nothing."""
-    if any(file.name.endswith(BAGS) for file in path.glob("*")):
+    if any(file.name.endswith((*BAG_SUFFIXES, "metadata.yaml")) for file in path.glob("*")):
         return []
     words = f"  sphere_nav import images {shlex.quote(str(path))} -o {shlex.quote(path.stem)}_bag"
     if path.suffix.lower() not in VIDEOS and not (path.is_dir() and any(map(is_image, path.iterdir()))):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, printable, read_text, short, told_at
+from sphere_nav.geometry.files.untrusted import number, numbers, printable, read_text, required, short, told_at
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -262,6 +262,11 @@ def trajectory(stamps: Any, poses: SE3 | Sequence[SE3], path: Path) -> Trajector
         raise ValueError(f"{path}: expected true poses, found none")
     with told_at(path):
         return Trajectory(stamps, poses) if isinstance(poses, SE3) else trajectory_of(stamps, poses)
+
+
+def matrix_data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
+    """Return the numbers of an OpenCV matrix."""
+    return numbers(required(found, where, ["data"])["data"], where, count)
 
 
 def require_folder(path: Path) -> Path:

@@ -11,7 +11,7 @@ from sphere_mapping.acquisition.partial.depth_registration import DepthRegistrat
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Floats
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import number, numbers, parse_stamp_ns, required
+from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
@@ -24,6 +24,7 @@ from sphere_nav_tools.offline.importing.recording import (
     View,
     ahead_up,
     bodies_at,
+    matrix_data,
     pose_of_matrix,
     pose_of_row,
     read_meters,
@@ -97,9 +98,9 @@ def open_openloris(folder: Path) -> Recording:
     path = folder / "sensors.yaml"
     fields = ("width", "height", "intrinsics")
     values = required(required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}", fields)
-    fx, cx, fy, cy = _data(values["intrinsics"], f"{path}: intrinsics", 4)
+    fx, cx, fy, cy = matrix_data(values["intrinsics"], f"{path}: intrinsics", 4)
     found = values.get("distortion_coefficients")
-    distortion = () if found is None else _data(found, f"{path}: distortion")
+    distortion = () if found is None else matrix_data(found, f"{path}: distortion")
     width, height = (int(number(values[name], f"{path}: {name}")) for name in ("width", "height"))
     T_base_optical, truth = _mounting(folder / "trans_matrix.yaml"), None
     if (folder / "groundtruth.txt").is_file():
@@ -151,14 +152,9 @@ def _mounting(path: Path) -> SE3:
         row = above.pop(frame, None)  # each once: a ring of frames ends, too
         if row is None:
             raise ValueError(f"{path}: expected a way from {D435} to base_link, found none from {frame}")
-        T_frame_optical = pose_of_matrix(_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
+        T_frame_optical = pose_of_matrix(matrix_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
         frame = str(row["parent_frame"])
     return T_frame_optical
-
-
-def _data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
-    """Return the numbers of an OpenCV matrix."""
-    return numbers(required(found, where, ["data"])["data"], where, count)
 
 
 def _read_list(path: Path) -> list[tuple[int, Path]]:

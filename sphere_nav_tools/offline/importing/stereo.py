@@ -25,6 +25,7 @@ from sphere_nav_tools.offline.importing.recording import (
     View,
     ahead_up,
     bodies_at,
+    matrix_data,
     pair_views,
     pose_of_matrix,
     pose_of_row,
@@ -138,7 +139,7 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     fx, fy, cx, cy = numbers(values["intrinsics"], f"{path}: intrinsics", 4)
     k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
     model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
-    matrix = numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], f"{path}: T_BS", 16)
+    matrix = matrix_data(values["T_BS"], f"{path}: T_BS", 16)
     with told_at(path):
         return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
 
