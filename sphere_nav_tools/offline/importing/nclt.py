@@ -41,6 +41,7 @@ DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose a
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
+MAX_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 
 
@@ -115,7 +116,7 @@ def read_undistortion(path: Path) -> tuple[Floats, Floats]:
 
     A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.
     """
-    table = read_numbers(path, 4, skip=1)
+    table = read_numbers(path, 4, skip=1, max_bytes=MAX_BYTES)
     height, width = (int(value) + 1 for value in table[:, :2].max(axis=0))
     if height * width != len(table) or not np.array_equal(np.argwhere(np.ones((height, width))), table[:, :2]):
         raise ValueError(
@@ -135,7 +136,7 @@ def read_velodyne(path: Path) -> Array:
 
 def read_ground_truth(path: Path) -> Trajectory:
     """Return where base_link was, in a world with z up; rows without a pose (NaN) are left out."""
-    table = read_numbers(path, 7, may_lack=True)
+    table = read_numbers(path, 7, may_lack=True, max_bytes=MAX_BYTES)
     table = table[np.isfinite(table).all(axis=1)]
     return trajectory(table[:, 0].astype(np.int64) * 1000, T_BASE_BODY @ pose_of(table[:, 1:]) @ T_BASE_BODY, path)
 

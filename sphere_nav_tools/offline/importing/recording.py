@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, numbers, printable, read_text, required, short, told_at
+from sphere_nav.geometry.files.untrusted import (
+    MAX_TABLE_BYTES,
+    number,
+    numbers,
+    printable,
+    read_text,
+    required,
+    short,
+    told_at,
+)
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -36,7 +45,6 @@ if TYPE_CHECKING:
 FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
 SIDES = ("left", "right")
-MAX_TABLE_BYTES = 1 << 30  # 2 million lines of a table of undistortion (nclt)
 
 
 @dataclass(frozen=True)
@@ -207,12 +215,20 @@ def read_words(path: Path, least: int = 1) -> list[tuple[str, list[str]]]:
     return rows
 
 
-def read_numbers(path: Path, columns: int, rows: int | None = None, *, skip: int = 0, may_lack: bool = False) -> Array:
+def read_numbers(
+    path: Path,
+    columns: int,
+    rows: int | None = None,
+    *,
+    skip: int = 0,
+    may_lack: bool = False,
+    max_bytes: int = MAX_TABLE_BYTES,
+) -> Array:
     """Return the table (rows, columns) of a text file, which may have millions of lines; `#` begins a comment.
 
     skip: lines of a head; may_lack: some numbers may be NaN.
     """
-    text = read_text(path, "table", MAX_TABLE_BYTES).replace(",", " ")
+    text = read_text(path, "table", max_bytes).replace(",", " ")
     try:
         table = np.asarray(np.loadtxt(StringIO(text), skiprows=skip, ndmin=2), np.float64)
     except ValueError as error:
