@@ -247,16 +247,16 @@ def _replayed(command: ModuleType, place: str | Path, bag: str | Path, options: 
     parser = argparse.ArgumentParser(prog=command.__name__.rsplit(".", 1)[-1], exit_on_error=False)
     command.add_arguments(parser)
     arguments = _parsed(parser, [str(place), str(bag), "-o", "-"], options)
-    summary = localizing.Summary()
-    for item in command.replayed(arguments):
-        summary.take(item)
-    return summary.trajectory()
+    return localizing.collect(command.replayed(arguments)).poses
 
 
 def _parsed(parser: argparse.ArgumentParser, words: list[str], options: dict[str, Any]) -> argparse.Namespace:
     """Return arguments of a command; ValueError in one line for an option that it has not."""
     words = words + [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
-    known, unknown = parser.parse_known_args(words)
+    try:
+        known, unknown = parser.parse_known_args(words)
+    except argparse.ArgumentError as error:
+        raise ValueError(f"{parser.prog}: {error}") from None
     if unknown:
         raise ValueError(f"{parser.prog}: expected an option of the command, found {unknown[0]}")
     return known

@@ -13,11 +13,12 @@ from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
-from sphere_nav_tools.offline.settings import add_overwrite, check_free
+from sphere_nav_tools.offline.settings import add_output, check_free
 from sphere_nav_tools.offline.tables import write_json
 
-HELP = "lenses and poses of all cameras of a rig from images of boards"
-EXAMPLES = """\
+HELP = """\
+Lenses and poses of all cameras of a rig from images of boards.
+
 examples:
   sphere_nav calibrate recordings/cam0 recordings/cam1 --board 8x6 --square 0.03 -o rig.yaml
   sphere_nav calibrate 'left*.jpg' 'right*.jpg' --board 9x6 --square 0.025 -o rig.yaml
@@ -31,7 +32,6 @@ in it (videos: begun together). A board counts inner corners. rig_report.json an
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("images", nargs="+", metavar="IMAGES", help="a folder, a glob or a video for each camera")
     parser.add_argument("--board", metavar="8x6", help="inner corners of the board")
     parser.add_argument("--square", type=float, metavar="M", help="side of a square in m")
@@ -39,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dictionary", default="DICT_4X4_250", help="of the ChArUco markers (DICT_4X4_250)")
     parser.add_argument("--boards", type=Path, metavar="FILE", help="several boards, in YAML")
     parser.add_argument("--model", choices=MODELS, default="pinhole", help="of the lenses (pinhole)")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
-    add_overwrite(parser)
+    add_output(parser, "FILE", "rig file to write")
 
 
 def run(arguments: argparse.Namespace) -> int:

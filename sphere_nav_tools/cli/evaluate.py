@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
@@ -11,15 +10,17 @@ from sphere_nav_tools.offline.evaluation import (
     AUTO,
     ESTIMATE_TOPICS,
     TRUTH_TOPICS,
-    error_table,
     evaluate_poses,
     read_trajectory,
+    report_lines,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag
+from sphere_nav_tools.offline.settings import read_positive
 from sphere_nav_tools.offline.tables import write_json
 
-HELP = "errors of estimated poses against true ones"
-EXAMPLES = """\
+HELP = """\
+Errors of estimated poses against true ones.
+
 examples:
   sphere_nav evaluate poses.tum truth.tum
   sphere_nav evaluate poses.tum drive_bag --json errors.json --plot errors.png
@@ -39,8 +40,6 @@ true direction of motion, longitudinal ahead along it, both in the horizontal pl
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
     parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
     parser.add_argument(
@@ -55,11 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
     parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
     parser.add_argument(
-        "--tolerance", type=_positive, default=0.01, help="largest distance of paired stamps in s (0.01)"
+        "--tolerance", type=read_positive, default=0.01, help="largest distance of paired stamps in s (0.01)"
     )
     parser.add_argument("--interpolate", action="store_true", help="interpolate the truth at every estimate's stamp")
     parser.add_argument(
-        "--rpe", type=_positive, default=1.0, metavar="M", help="stretch of the relative error in m (1)"
+        "--rpe", type=read_positive, default=1.0, metavar="M", help="stretch of the relative error in m (1)"
     )
     parser.add_argument("--truth-topic", help=f"topic of the truth in a bag (default: {' or '.join(TRUTH_TOPICS)})")
     parser.add_argument("--poses-topic", help=f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
@@ -87,18 +86,11 @@ def run(arguments: argparse.Namespace) -> int:
         rpe_length_m=arguments.rpe,
         aligned_by=aligned_by,
     )
-    print(error_table(judged.report))
+    print("\n".join(report_lines(judged.report)))
     if arguments.json:
         write_json(arguments.json, judged.report)
     if arguments.plot:
         from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
-        plot_figure.draw_localization(arguments.plot, estimate, plot_figure.errors_in_map(judged), [])
+        plot_figure.draw_localization(arguments.plot, estimate, judged, [])
     return 0
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"expected a positive number, found {text}")
-    return value

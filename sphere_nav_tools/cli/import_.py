@@ -8,19 +8,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tf2_msgs.msg import TFMessage
-from tqdm import tqdm
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.offline.importing.frames import describe_folder, guess_format
 from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav_tools.offline.importing.spherical import open_spherical
 from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
-from sphere_nav_tools.offline.settings import numbers_of
+from sphere_nav_tools.offline.settings import numbers, read_positive
+from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
 Turn a recorded data set into an MCAP bag with our topics.
@@ -81,14 +80,15 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     rgbd = parser.add_argument_group("seven_scenes, tum, rover, images")
     rgbd.add_argument(
         "--camera",
+        type=numbers(f"4 to 12 numbers {LENS}", 4, 12),
         metavar=LENS,
         help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
     )
     images = parser.add_argument_group("images")
     images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
     images.add_argument("--panorama", action="store_true", help="of a 360 camera, equirectangular, 2 H x H")
-    images.add_argument("--baseline", type=float, metavar="M", help="m between left and right, or top and bottom")
-    images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
+    images.add_argument("--baseline", type=read_positive, metavar="M", help="m from left to right, or top to bottom")
+    images.add_argument("--fps", type=read_positive, metavar="N", help="images a second, unstamped (a video's own; 10)")
     _add_kinect_arguments(parser)
     tum = parser.add_argument_group("tum")
     tum.add_argument("--depth-units", type=float, default=5000.0, metavar="N", help="depth units per m (%(default)s)")
@@ -109,20 +109,12 @@ def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the bag."""
-    if arguments.camera:
-        arguments.camera = numbers_of(arguments.camera, "--camera", f"4 to 12 numbers {LENS}", 4, 12)
-    try:
-        recording = READERS[arguments.format](arguments)
-    except ValueError as error:
-        known = guess_format(arguments.folder) == arguments.format
-        raise ValueError(
-            "; ".join(filter(None, [str(error), "" if known else describe_folder(arguments.folder)]))
-        ) from None
+    recording = READERS[arguments.format](arguments)
     indices = range(len(recording.instants))[arguments.frames]
     if not indices:
         raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
-        write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
+        write_frames(bag, recording, progress("import", "frame", indices))
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
@@ -25,40 +25,32 @@ from sphere_nav_tools.offline.tables import columns
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 
 
-class Subcommand(NamedTuple):
-    """A word of the command line, the module that carries it out, and what it does."""
-
-    name: str
-    module: str
-    summary: str
-
-
-COMMANDS = (
-    Subcommand("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
-    Subcommand("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
-    Subcommand("rig-convert", "rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
-    Subcommand("register", "register", "align two spheres, RGB-D images or stereo pairs"),
-    Subcommand("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),
-    Subcommand("map", "maps.map", "make a map of key spheres from a bag"),
-    Subcommand("localize", "localize", "find the camera of a bag in a map"),
-    Subcommand("refine-camera", "refine_camera", "find lens and readout time of a camera by a drive in a map"),
-    Subcommand("mcl", "mcl", "find the camera of a bag in a point cloud"),
-    Subcommand("map-info", "maps.map_info", "tell what is in a map"),
-    Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
-    Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
-    Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map"),
-    Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
-    Subcommand("view", "view.view", "look around in a map, in a web browser"),
-    Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),
-    Subcommand("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
-    Subcommand("verify-bag", "bags.verify_bag", "check every message of a bag, salvage a damaged one"),
-    Subcommand("record", "bags.record", "record topics into a bag"),
-    Subcommand("play", "bags.play", "publish the messages of a bag"),
-    Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
-    Subcommand("keystore", "keystore", "make the keys of nodes that belong together (SROS2)"),
-    Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
-    Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
-)
+COMMANDS = {  # the module that carries it out, and what it does
+    "import": ("import_", "turn a recorded data set into a bag with our topics and its truth"),
+    "calibrate": ("calibrate", "find the parameters of a rig of cameras from images of a board"),
+    "rig-convert": ("rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
+    "register": ("register", "align two spheres, RGB-D images or stereo pairs"),
+    "inspect": ("bags.inspect_", "tell what a bag offers, and what to type"),
+    "map": ("maps.map", "make a map of key spheres from a bag"),
+    "localize": ("localize", "find the camera of a bag in a map"),
+    "refine-camera": ("refine_camera", "find lens and readout time of a camera by a drive in a map"),
+    "mcl": ("mcl", "find the camera of a bag in a point cloud"),
+    "map-info": ("maps.map_info", "tell what is in a map"),
+    "map-verify": ("maps.map_verify", "check every sphere of a map, salvage a damaged one"),
+    "map-export": ("maps.map_export", "write a map as point cloud, graph or trajectory"),
+    "map-learn": ("maps.map_learn", "learn from the drives that were kept beside a map"),
+    "route": ("route", "make a network of taught paths with named places, plan ways on it"),
+    "view": ("view.view", "look around in a map, in a web browser"),
+    "evaluate": ("evaluate", "compare estimated poses with the truth"),
+    "plot": ("plot", "draw what a localiser said: path, errors, states, timings"),
+    "verify-bag": ("bags.verify_bag", "check every message of a bag, salvage a damaged one"),
+    "record": ("bags.record", "record topics into a bag"),
+    "play": ("bags.play", "publish the messages of a bag"),
+    "up": ("up", "start nodes that belong together, as ros2 launch does"),
+    "keystore": ("keystore", "make the keys of nodes that belong together (SROS2)"),
+    "operate": ("operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
+    "demo": ("demo.demo", "teach, map and drive a loop in the simulator"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,14 +66,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise
-        print(f"sphere_nav{_command_name(words)}: {one_line(error)}", file=sys.stderr)
+        name = f" {words[0]}" if words and words[0] in COMMANDS else ""
+        print(f"sphere_nav{name}: {one_line(error)}", file=sys.stderr)
         return 2
 
 
 def _dispatch(words: list[str]) -> int:
-    commands = {command.name: command for command in COMMANDS}
-    if words and words[0] in commands:
-        module = importlib.import_module(f"sphere_nav_tools.cli.{commands[words[0]].module}")
+    if words and words[0] in COMMANDS:
+        module = importlib.import_module(f"sphere_nav_tools.cli.{COMMANDS[words[0]][0]}")
         arguments = _parser(words[0], module).parse_args(words[1:])
         for name, value in vars(arguments).items():
             setattr(arguments, name, [at_home(one) for one in value] if isinstance(value, list) else at_home(value))
@@ -94,7 +86,7 @@ def _dispatch(words: list[str]) -> int:
     if words[0] == "--version":
         print(software())
         return 0
-    raise ValueError(f"expected a command ({', '.join(commands)}), found {words[0]!r}")
+    raise ValueError(f"expected a command ({', '.join(COMMANDS)}), found {words[0]!r}")
 
 
 @contextmanager
@@ -144,17 +136,13 @@ def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
 
 def _overview() -> str:
     lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
-    lines += columns((f"  {command.name}", command.summary) for command in COMMANDS)
+    lines += columns((f"  {name}", summary) for name, (_, summary) in COMMANDS.items())
     lines += [
         "",
         "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
         f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
     ]
     return "\n".join(lines)
-
-
-def _command_name(words: list[str]) -> str:
-    return f" {words[0]}" if words and any(words[0] == command.name for command in COMMANDS) else ""
 
 
 if __name__ == "__main__":

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav_tools.offline.evaluation import AUTO
+from sphere_nav_tools.offline.evaluation import AUTO, describe_alignment
+from sphere_nav_tools.offline.localizing import describe_states
 from sphere_nav_tools.offline.pose_bags import read_poses
-from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free
+from sphere_nav_tools.offline.settings import add_output, check_ending, check_free
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
@@ -18,7 +20,7 @@ of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG i
 format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
 
 A map has a frame of its own. Where the truth has another one, --align poses finds the place of the map by all poses, as
-sphere_nav evaluate does, and draws the truth there. It is chosen, and said, where it makes sense.
+sphere_nav evaluate does, and draws the poses there. It is chosen, and said, where it makes sense.
 
 examples:
   sphere_nav plot result -o result.png
@@ -27,25 +29,23 @@ examples:
   sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
-ALIGNED = (AUTO, "none", "poses")  # those of sphere_nav evaluate that keep the picture as the map has it
 ENDINGS = (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="recording with pose and status")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="picture to write")
+    add_output(parser, "FILE", "picture to write")
     parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
     parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
     parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
     parser.add_argument(
         "--align",
-        choices=ALIGNED,
+        choices=(AUTO, *ALIGNMENTS),
         default=AUTO,
-        help="move the truth to the map (default: where it has a frame of its own)",
+        help="move the poses to the truth (default: where that has a frame of its own)",
     )
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
-    add_overwrite(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -62,14 +62,14 @@ def run(arguments: argparse.Namespace) -> int:
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
     served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
-    errors = plot_figure.measure(
+    judged = plot_figure.measure(
         poses,
         arguments.truth or arguments.bag,
         is_required=arguments.truth is not None,
         alignment=arguments.align,
     )
-    plot_figure.draw_localization(output, poses, errors, statuses, served)
-    told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
-    told += [errors.alignment] if errors is not None and errors.alignment else []
+    plot_figure.draw_localization(output, poses, judged, statuses, served)
+    told = [*describe_states(statuses), *plot_figure.describe_experiences(served)]
+    told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

@@ -6,10 +6,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,12 +16,10 @@ import yaml
 
 from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav.ros.shared_files import node_entry
-from sphere_nav_tools.cli.constants import MIN_WORK_SHARE
 
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
-LOOK = 5.0  # s over which it is measured who works
 TAIL = 4096  # bytes of what was printed, in which the last line is looked for
 
 
@@ -36,23 +33,6 @@ def python_command(code: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
 
 
-def wanted_seconds(pid: int) -> float:
-    """Return for how long the threads of a process have run, or have waited for a processor, s; 0 for none."""
-    threads = Path(f"/proc/{pid}/task").glob("*/schedstat")  # ns on a processor, ns ready but waiting, turns
-    total = 0
-    for path in threads:
-        with suppress(OSError):  # a thread that has just ended
-            total += sum(map(int, path.read_text(encoding="ascii").split()[:2]))
-    return total / 1e9
-
-
-def are_busy(pids: Mapping[str, int]) -> list[str]:
-    """Return the names of those processes that work, or would if they were let; takes `LOOK` s."""
-    before = {name: wanted_seconds(pid) for name, pid in pids.items()}
-    time.sleep(LOOK)
-    return [name for name, pid in pids.items() if wanted_seconds(pid) - before[name] > MIN_WORK_SHARE * LOOK]
-
-
 class Processes:
     """Starts processes, and ends them all when it is left; what they print goes to a folder, or where ours goes."""
 
@@ -63,14 +43,12 @@ class Processes:
         self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.running: dict[str, subprocess.Popen[bytes]] = {}
-        self._nodes: set[str] = set()  # of these: they end when they are told to
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        self._nodes.add(node)
-        self.run(node, NODE.format(module=node_entry(node).module), "--ros-args", "--params-file", str(parameters))
+        self.begin(node, node_command(node, "--ros-args", "--params-file", str(parameters)))
 
     def run(self, name: str, code: str, *words: str) -> None:
         """Run Python code as a process."""
@@ -99,25 +77,9 @@ class Processes:
         return ended
 
     def check(self) -> None:
-        """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
-        for name, process in self.running.items():
-            status = process.poll()
-            if status or (status == 0 and name in self._nodes):
-                raise self._failure(name, status)
-
-    def wait(self, name: str) -> None:
-        """Wait for a process that ends by itself; RuntimeError with what it said last if that was no good end."""
-        status = self.running[name].wait()
-        if status:
-            raise self._failure(name, status)
-        del self.running[name]
-
-    def find_busy(self) -> list[str]:
-        """Return which processes work, or would if the computer had time for them; takes `LOOK` s."""
-        return are_busy({name: process.pid for name, process in self.running.items()})
-
-    def _failure(self, name: str, status: int) -> RuntimeError:
-        return RuntimeError(f"{name} ended with status {status}: {self.last_words(name) or 'it said nothing'}")
+        """Raise RuntimeError if one has ended by itself; the message shows what it said last."""
+        for name, status in self.take_ended().items():
+            raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name) or 'it said nothing'}")
 
     def last_words(self, name: str) -> str:
         """Return the last line that a process printed, empty where it said nothing."""
@@ -131,12 +93,11 @@ class Processes:
         process = self.running.pop(name)
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-        while True:
-            try:
-                return process.wait(END_PATIENCE_S)
-            except subprocess.TimeoutExpired:
-                if not are_busy({name: process.pid}):
-                    process.kill()
+        try:
+            return process.wait(END_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
 
     def end(self) -> dict[str, int]:
         """End what still runs, the last one started first; return the statuses."""

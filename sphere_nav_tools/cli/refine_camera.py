@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 from rig_calibration.drive.proof import LensProof
 from sphere_nav.ros.maps.reader import open_map
@@ -15,7 +14,8 @@ from sphere_nav_tools.offline.refine_camera import (
     mounting_lines,
     text_of,
 )
-from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
+from sphere_nav_tools.offline.settings import add_output, add_settings, check_free
+from sphere_nav_tools.offline.tables import quantity_lines
 
 HELP = """\
 Correct the calibration of a camera by a recorded drive, without boards.
@@ -39,10 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`, best by another camera")
     parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="YAML", help="calibration to write")
+    add_output(parser, "YAML", "calibration to write")
     parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
-    add_overwrite(parser)
     topics.add_options(parser)
     add_settings(parser, "dense_localizer")
 
@@ -68,9 +67,8 @@ def report_camera(proof: LensProof) -> Iterator[str]:
     """Yield what is printed."""
     found = proof.found
     yield f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
-    for name, value in zip(found.lens.names, found.lens.values, strict=True):
-        note = "  NOT OBSERVED by this drive" if name in proof.unobserved else ""
-        yield f"{name:<8}{value:12.5f} +- {found.deviations[name]:.5f}{note}"
+    names = found.lens.names
+    yield from quantity_lines(names, found.lens.values, map(found.deviations.__getitem__, names), proof.unobserved)
     yield (
         f"held-out halves of the drive: t {proof.evidence:.1f} for it, more than {proof.limit:.1f} is proof; "
         f"{proof.moved_px:.2f} px off the given lens, {proof.apart_px:.2f} px apart"

@@ -9,10 +9,9 @@ import sys
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.mapping.sphere_source import LensOptions, read_sphere
+from sphere_nav_tools.offline.mapping.sphere_source import read_sphere
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
-from sphere_nav_tools.offline.settings import numbers_of
-from sphere_nav_tools.offline.topic_finder import TopicFinder
+from sphere_nav_tools.offline.settings import numbers, read_pose, read_positive
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
@@ -34,27 +33,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("a", metavar="A", help="reference, with range")
     parser.add_argument("b", metavar="B", help="what is aligned with it")
-    parser.add_argument("--camera", metavar="FX,FY,CX,CY", help="px, of image files")
-    parser.add_argument("--baseline", type=float, metavar="M", help="m; the files are rectified stereo pairs")
+    parser.add_argument("--camera", type=numbers("FX,FY,CX,CY", 4), metavar="FX,FY,CX,CY", help="px, of image files")
+    parser.add_argument("--baseline", type=read_positive, metavar="M", help="m; the files are rectified stereo pairs")
     parser.add_argument(
         "--depth-units", type=float, default=1000.0, metavar="N", help="depth units per m (%(default)s)"
     )
-    parser.add_argument("--guess", metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)")
+    parser.add_argument(
+        "--guess",
+        type=read_pose,
+        default=SE3.identity(),
+        metavar="x,y,z,qx,qy,qz,qw",
+        help="first guess of T_a_b (identity)",
+    )
     topics.add_options(parser, has_cameras=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read both, align, print."""
     params = MapperParams()
-    camera = numbers_of(arguments.camera, "--camera", "FX,FY,CX,CY", 4) if arguments.camera else None
-    lens = LensOptions(camera, arguments.baseline, arguments.depth_units)
-    a, b = (
-        read_sphere(word, lens, params, lambda bag: TopicFinder.of(bag, arguments))
-        for word in (arguments.a, arguments.b)
-    )
-    guess = numbers_of(arguments.guess, "--guess", "X,Y,Z,QX,QY,QZ,QW", 7) if arguments.guess else None
-    T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
-    found = register_spheres(a, b, T_a_b, params)
+    a, b = (read_sphere(word, arguments, params) for word in (arguments.a, arguments.b))
+    found = register_spheres(a, b, arguments.guess, params)
     print(json.dumps(found.values(), indent=2))
     if not found.is_converged:
         print(f"sphere_nav register: {arguments.b}: {describe_refusal(found.reason)}", file=sys.stderr)

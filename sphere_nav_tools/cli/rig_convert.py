@@ -14,10 +14,11 @@ from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.offline.settings import add_overwrite, size_of
+from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
 
-HELP = "a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml"
-EXAMPLES = """\
+HELP = """\
+A calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml.
+
 examples:
   sphere_nav rig-convert camchain.yaml -o rig.yaml
   sphere_nav rig-convert calibration.json --frame imu -o rig.yaml
@@ -35,31 +36,29 @@ refused by name.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="calibration; two for OpenCV's stereo pair")
     parser.add_argument("--format", choices=FORMATS, help="of the file (told by its content)")
     parser.add_argument(
         "--frame", choices=FRAMES, default="camera", help="the first camera looks along +x, or axes of the IMU (camera)"
     )
-    parser.add_argument("--size", metavar="WxH", help="of the images, where an OpenCV file does not tell")
+    parser.add_argument(
+        "--size", type=read_size, metavar="WxH", help="of the images, where an OpenCV file does not tell"
+    )
     parser.add_argument("--model", choices=("pinhole", "fisheye"), help="where an OpenCV file does not tell (pinhole)")
-    parser.add_argument("--unit", type=float, default=1.0, metavar="M", help="length of OpenCV's unit in m (1)")
+    parser.add_argument("--unit", type=read_positive, default=1.0, metavar="M", help="length of OpenCV's unit in m (1)")
     parser.add_argument("--join", action="store_true", help="merge several camchains into one rig")
     for option, what in (("mask", "image, 0 where the camera must not be used"), ("level", "top or bottom")):
         parser.add_argument(f"--{option}", action="append", default=[], metavar="CAMERA=" + option.upper(), help=what)
     parser.add_argument("--exposure-group", action="append", default=[], metavar="CAMERA=GROUP", help="of one exposure")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
-    add_overwrite(parser)
+    add_output(parser, "FILE", "rig file to write")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, tell what was found, write."""
-    if not (math.isfinite(arguments.unit) and arguments.unit > 0):
-        raise ValueError(f"--unit: expected a positive length in m, found {arguments.unit}")
     found = read_foreign_cameras(
         arguments.files,
         arguments.format,
-        size_of(arguments.size, "--size") if arguments.size else None,
+        arguments.size,
         arguments.model,
         arguments.unit,
         is_joining=arguments.join,

@@ -8,14 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from path_follower.params import VehicleParams
-from path_follower.routes.course import make_course
-from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav.geometry.files.untrusted import number
-from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers_of
+from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -53,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_network(name)
     name.add_argument(
         "--at",
+        type=numbers("X,Y or X,Y,YAW", 2, 3),
         required=True,
         metavar="X,Y[,YAW]",
         help="m, m and deg in the map; of several lanes the one that heads so",
@@ -117,13 +115,10 @@ def name_place(arguments: argparse.Namespace) -> int:
     """Name a place."""
     from sphere_nav_tools.offline import routes
 
-    values = numbers_of(arguments.at, "--at", "X,Y or X,Y,YAW", 2, 3)
+    values = arguments.at
     path = network_path(arguments.network)
-    network = read_network(path)
     yaw = float(np.radians(values[2])) if len(values) == 3 else None
-    spot = routes.find_spot(network, values[0], values[1], yaw)
-    named = network.with_place(arguments.name, spot)
-    write_network(path, named)
+    named = routes.name_place(path, read_network(path), arguments.name, values[0], values[1], yaw)
     node = named.nodes[named.places[arguments.name]]
     heading = np.degrees(node.pose.yaw)
     print(
@@ -168,9 +163,9 @@ def export(arguments: argparse.Namespace) -> int:
         return 0
     if output.suffix != ".csv" or not (arguments.start and arguments.goal):
         raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
-    vehicle = VehicleParams()
-    course = make_course(network, _way(network, arguments).legs, None, vehicle)
-    write_course(output, course, network.map_id, vehicle.max_speed)
+    from sphere_nav_tools.offline import routes
+
+    course = routes.write_way(output, network, _way(network, arguments))
     print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
     return 0
 

@@ -8,10 +8,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -49,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(argument_table(composition))
         return 0
     starts = composition.ready(parse(arguments.arguments))
-    with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, _interruptible(), Processes() as nodes:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
+    with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, Processes() as nodes:
         files = (Path(folder) / f"{start.node}.yaml" for start in starts)
         words = {start.node: ros_arguments(start, file) for start, file in zip(starts, files, strict=True)}
         try:
@@ -115,17 +114,3 @@ def watch(nodes: Processes, commands: Mapping[str, list[str]]) -> int:
             nodes.begin(node, commands[node])
         time.sleep(LOOK)
     return 0
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let SIGTERM end as Ctrl-C does."""
-
-    def interrupt(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

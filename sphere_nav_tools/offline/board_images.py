@@ -14,7 +14,6 @@ from typing import Any, TypeAlias
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.chessboard import grid_sizes
@@ -23,12 +22,12 @@ from rig_calibration.boards.sharpness import edge_width
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav_tools.offline.importing.frames import VIDEOS, Video
+from sphere_nav_tools.offline.importing.frames import VIDEOS, Video, is_image
+from sphere_nav_tools.offline.tables import progress
 
 Source: TypeAlias = Path | NDArray[Any]  # of a grey image: a file, or its levels
 NUM_SIZED = 4  # images of a camera whose boards are counted
 NUM_OF_VIDEO = 80  # images that are taken of a video
-SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
 def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
@@ -41,7 +40,7 @@ def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
             videos[re.sub(r"\W", "_", path.stem)] = dict(read_video(path))
             continue
         if path.is_dir():
-            files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            files = sorted(filter(is_image, path.iterdir()))
             name = path.resolve().name
         else:
             files = sorted(Path(item) for item in glob.glob(text))
@@ -58,7 +57,7 @@ def read_video(path: Path) -> Iterator[tuple[str, Source]]:
     """Yield images spread over a video, by their number."""
     video = Video(path)
     chosen = np.unique(np.linspace(0, video.number - 1, min(NUM_OF_VIDEO, video.number)).round().astype(int))
-    for index in tqdm(chosen, f"reading {path.name}", leave=False, unit="image"):
+    for index in progress(f"reading {path.name}", "image", chosen):
         yield f"{index:06d}", cv2.cvtColor(video.read(int(index)), cv2.COLOR_BGR2GRAY)
 
 
@@ -81,9 +80,7 @@ def detect_boards(
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = pool.map(lambda item: _find_boards(item[2], boards), work)
         try:
-            for item, answer in zip(
-                work, tqdm(found, "looking for boards", len(work), False, unit="image"), strict=True
-            ):
+            for item, answer in zip(work, progress("looking for boards", "image", found, len(work)), strict=True):
                 (name, instant, path), (size, seen) = item, answer
                 if sizes.setdefault(name, size) != size:
                     expected = "x".join(map(str, sizes[name]))

@@ -23,7 +23,8 @@ from sphere_nav.geometry.trajectory_error import (
     relative_errors,
 )
 from sphere_nav.ros.bags import BagReader
-from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
+from sphere_nav_tools.offline.pose_bags import count_of, is_bag, read_poses
+from sphere_nav_tools.offline.tables import facts_as_lines
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
 ESTIMATE_TOPICS = ("pose", "odometry")
@@ -81,17 +82,17 @@ def evaluate_poses(
         **_absolute(errors),
         "rpe": _relative(paired, paired_truth, rpe_length_m),
         "nees": _consistency(paired, paired_truth),
-        "alignment": _alignment(alignment, is_chosen, T_truth_estimate, scale),
+        "alignment": {
+            "kind": alignment,
+            "is_chosen": is_chosen,
+            "scale": scale,
+            "T_truth_estimate": T_truth_estimate.matrix.tolist(),
+        },
         "num_estimates": len(estimate),
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
     return Judged(paired_truth, errors, report)
-
-
-def _alignment(kind: str, is_chosen: bool, T_truth_estimate: SE3, scale: float) -> dict[str, Any]:
-    moved = T_truth_estimate.matrix.tolist()
-    return {"kind": kind, "is_chosen": is_chosen, "scale": scale, "T_truth_estimate": moved}
 
 
 def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
@@ -105,12 +106,17 @@ def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
     )
 
 
+def alignment_of(report: dict[str, Any]) -> tuple[SE3, float]:
+    """Return T_truth_estimate and the scale by which the estimate was moved."""
+    return SE3(np.array(report["alignment"]["T_truth_estimate"])), report["alignment"]["scale"]
+
+
 def describe_alignment(report: dict[str, Any]) -> str:
     """Return in one line what was done to compare frames, nothing where they were taken as they are."""
-    found = report["alignment"]
+    found, (T_truth_estimate, _) = report["alignment"], alignment_of(report)
     if found["kind"] == "none":
         return ""
-    meters, radians = SE3(np.array(found["T_truth_estimate"])).distance(SE3.identity())
+    meters, radians = T_truth_estimate.distance(SE3.identity())
     size = f", scale {found['scale']:.5f}" if found["scale"] != 1.0 else ""
     line = f"aligned by {found['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}"
     why = ": map and truth have frames of their own (--align none compares them as they are)"
@@ -130,24 +136,10 @@ def find_alignment(
     return align_trajectories(estimate[known], at, kind)
 
 
-def error_table(report: dict[str, Any]) -> str:
-    """Return the report as text."""
-    lines = [f"{report['n']} poses paired, coverage {100 * report['coverage']:.1f} %, {report['length_m']:.2f} m"]
-    lines.append(f"{'':16}{'median':>10}{'rmse':>10}{'p95':>10}{'max':>10}")
-    rows = {name: report[name] for name in METRICS}
-    if report["rpe"]["n"]:
-        over = f" / {report['rpe']['length_m']:g} m"
-        rows |= {"rpe_m" + over: report["rpe"]["translation_m"], "rpe_deg" + over: report["rpe"]["rotation_deg"]}
-    for name, row in rows.items():
-        cells = "".join(f"{value:10.4f}" for value in row.values()) if row else f"{'-':>10}"
-        lines.append(f"{name:16}{cells}")
-    if found := report["nees"]:
-        lines.append(
-            f"NEES {found['mean']:.2f} ({found['n']} covariances): 6 where they are right, more where too small"
-        )
-        axes = ", ".join(f"{name} {value:.2f}" for name, value in found["axes"].items())
-        lines.append(f"NEES of each axis of the body (1 degree of freedom): {axes}")
-    return "\n".join([*lines, *filter(None, [describe_alignment(report)])])
+def report_lines(report: dict[str, Any]) -> list[str]:
+    """Return the report as text: a line for each quantity, and how the frames were compared."""
+    told = {name: value for name, value in report.items() if name != "alignment"}
+    return [*facts_as_lines(told), *filter(None, [describe_alignment(report)])]
 
 
 def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
@@ -182,7 +174,7 @@ def _statistics(values: np.ndarray) -> dict[str, float] | None:
 
 def truth_topics(bag: BagReader) -> list[str]:
     """Return the topics of true poses that a bag has."""
-    return [topic for topic in TRUTH_TOPICS if f"/{topic}" in bag.topics and bag.topics[f"/{topic}"].count]
+    return [topic for topic in TRUTH_TOPICS if count_of(bag, topic)]
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:

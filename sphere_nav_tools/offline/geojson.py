@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from mcl_depth.geometry.geodetic import AXIS, ECCENTRICITY2, place_on_earth
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.offline.settings import numbers_of
+from sphere_nav_tools.offline.settings import numbers
 
 DECIMALS = 9  # of a degree: a tenth of a millimetre
 
@@ -29,11 +30,11 @@ class Datum:
 
     @classmethod
     def parse(cls, text: str) -> Datum:
-        """Read `lat,lon,heading`; ValueError for anything else."""
-        latitude, longitude, heading = numbers_of(text, "--datum", "lat,lon,heading in degrees", 3)
-        if not (abs(latitude) < 89.9 and abs(longitude) <= 180.0):
-            raise ValueError(f"--datum: expected lat,lon,heading in degrees, found {text!r}")
-        return cls(latitude, longitude, heading)
+        """Read the argument `lat,lon,heading`."""
+        found = cls(*numbers("lat,lon,heading in degrees", 3)(text))
+        if not (abs(found.latitude) < 89.9 and abs(found.longitude) <= 180.0):
+            raise ArgumentTypeError(f"expected lat,lon,heading in degrees, found {text!r}")
+        return found
 
     def locate(self, T_map_any: SE3) -> list[float]:
         """Return longitude and latitude in degrees, and height in m, of a pose.

@@ -6,20 +6,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.geometry.trajectory_error import AbsoluteErrors
-from sphere_nav.localization.status import TRUSTED, Reason, State, Status
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.localization.status import TRUSTED, State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
@@ -29,11 +25,13 @@ from sphere_nav_tools.offline.evaluation import (
     AUTO,
     TRUTH_TOPICS,
     Judged,
+    alignment_of,
     describe_alignment,
     evaluate_poses,
+    read_trajectory,
     truth_topics,
 )
-from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
+from sphere_nav_tools.offline.pose_bags import READINGS, is_bag
 from sphere_nav_tools.offline.tables import columns
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
@@ -49,14 +47,6 @@ COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.LOST: "#D55E00",
 }
 TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#0072B2", "#D55E00", "#0072B2", "#E69F00"
-
-
-class Errors(NamedTuple):
-    """The truth in the frame of the map, what poses are off it, and in words how the frames were compared."""
-
-    truth: Trajectory
-    absolute: AbsoluteErrors
-    alignment: str
 
 
 def find_pose_topic(bag: BagReader) -> str:
@@ -84,31 +74,16 @@ def read_statuses(bag: BagReader, topic: str) -> list[Status]:
     return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
 
 
-def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = AUTO) -> Errors | None:
-    """Return truth and errors; None where a bag has no truth that is asked for by nobody.
-
-    alignment: that finds the place of the map in the frame of the truth (`ALIGNMENTS`); the truth is moved to the map.
-    """
+def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = AUTO) -> Judged | None:
+    """Return truth and errors; None where a bag has no truth that is asked for by nobody."""
     if poses is None:
         return None
     if is_bag(truth):
         with BagReader(truth) as bag:
-            topics = truth_topics(bag)
-        if not topics and not is_required:
-            return None
-        true = read_poses(truth, tuple(topics) or TRUTH_TOPICS)
-    else:
-        true = read_tum(truth)
-    return errors_in_map(evaluate_poses(poses, true, alignment=alignment, is_interpolated=True))
-
-
-def errors_in_map(judged: Judged) -> Errors:
-    """Return what was judged, in the frame of the map."""
-    found = judged.report["alignment"]
-    T_map_truth = SE3(np.array(found["T_truth_estimate"])).inverse()
-    return Errors(
-        judged.truth.moved(T_map_truth, 1.0 / found["scale"]), judged.errors, describe_alignment(judged.report)
-    )
+            if not truth_topics(bag) and not is_required:
+                return None
+    true = read_trajectory(truth, None, TRUTH_TOPICS)
+    return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
 
 
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
@@ -127,43 +102,35 @@ def describe_experiences(served: dict[int, str]) -> list[str]:
     return columns((number, f"placed by {name}") for name, number in Counter(served.values()).most_common())
 
 
-def describe_states(statuses: list[Status]) -> list[str]:
-    """Return how often each state was told for each reason, with the remedy, and the time for an image."""
-    counts = Counter((str(status.state), str(status.reason)) for status in statuses)
-    remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}
-    lines = columns((number, *told, remedies[told]) for told, number in counts.most_common())
-    times = [status.milliseconds for status in statuses if status.reason != Reason.TIMEOUT and status.milliseconds > 0]
-    if times:
-        lines.append(f"time for an image: median {np.median(times):.1f} ms, p99 {np.percentile(times, 99):.1f} ms")
-    return lines
-
-
 def draw_localization(
     path: Path,
     poses: Trajectory | None,
-    errors: Errors | None,
+    judged: Judged | None,
     statuses: list[Status],
     served: dict[int, str] | None = None,
 ) -> None:
-    """Draw poses, (truth, errors) and statuses, whatever of them there is; the ending chooses the format.
+    """Draw poses, truth with errors, and statuses, whatever of them there is; the ending chooses the format.
 
-    served: by stamp, which experience of the map placed an image.
+    Poses are drawn in the frame of the truth. served: by stamp, which experience of the map placed an image.
     """
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
-    lines = {} if errors is None else {"truth": errors.truth.positions[:, :2]}
-    marks = {}
+    lines, marks, views, alignment = {}, {}, [], ""
+    if judged is not None:
+        lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
+        views = [partial(_draw_sides, judged), partial(_draw_sizes, judged)]
+    if judged is not None and poses is not None:
+        poses = poses.moved(*alignment_of(judged.report))
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
         by = [(served or {}).get(int(stamp)) for stamp in poses.stamps_ns]
         marks = {f"by {name}": lines["pose"][[one == name for one in by]] for name in dict.fromkeys(filter(None, by))}
-    errors_of = [] if errors is None else [partial(_draw_sides, errors), partial(_draw_sizes, errors)]
-    said = [partial(_draw_states, statuses), partial(_draw_times, statuses)] if statuses else []
+    if statuses:
+        views += [partial(_draw_states, statuses), partial(_draw_times, statuses)]
     with drawn(path, (13, 7)) as figure:
-        views = [*errors_of, *said]
         cells = figure.add_gridspec(max(len(views), 1), 2, width_ratios=(1.0, 1.4))
         top_view(figure.add_subplot(cells[:, 0]), lines, marks)
-        figure.suptitle(errors.alignment if errors is not None else "", fontsize="small")
+        figure.suptitle(alignment, fontsize="small")
         axes: Axes | None = None
         for row, draw in enumerate(views):
             axes = figure.add_subplot(cells[row, 1], sharex=axes)
@@ -202,31 +169,20 @@ def in_meters(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float, float]]:
-    """Return state, reason, first and last second of every run of equal ones; a run lasts until the next begins."""
-    runs = []
-    ordered = sorted(statuses, key=lambda status: status.stamp_ns)
-    for (state, reason), members in groupby(ordered, key=lambda status: (status.state, str(status.reason))):
-        stamps = [(status.stamp_ns - start) * 1e-9 for status in members]
-        runs.append((state, reason, stamps[0], stamps[-1]))
-    ends = [run[2] for run in runs[1:]] + [runs[-1][3]] if runs else []
-    return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
-
-
-def _draw_sides(errors: Errors, axes: Axes, start: int) -> None:
-    seconds = (errors.truth.stamps_ns - start) * 1e-9
-    axes.plot(seconds, errors.absolute.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, errors.absolute.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
-    median = 1e3 * float(np.median(errors.absolute.translation_m))
+def _draw_sides(judged: Judged, axes: Axes, start: int) -> None:
+    seconds = (judged.truth.stamps_ns - start) * 1e-9
+    axes.plot(seconds, judged.errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, judged.errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    median = 1e3 * float(np.median(judged.errors.translation_m))
     axes.set_title(f"Error of {len(seconds)} poses, median {median:.3g} mm", loc="left")
     axes.set_ylabel("error [m]")
     legend_above(axes)
 
 
-def _draw_sizes(errors: Errors, axes: Axes, start: int) -> None:
-    seconds, turned = (errors.truth.stamps_ns - start) * 1e-9, axes.twinx()
-    axes.plot(seconds, errors.absolute.translation_m, color=ESTIMATE, lw=1)
-    turned.plot(seconds, np.degrees(errors.absolute.rotation_rad), color=ROTATION, lw=1)
+def _draw_sizes(judged: Judged, axes: Axes, start: int) -> None:
+    seconds, turned = (judged.truth.stamps_ns - start) * 1e-9, axes.twinx()
+    axes.plot(seconds, judged.errors.translation_m, color=ESTIMATE, lw=1)
+    turned.plot(seconds, np.degrees(judged.errors.rotation_rad), color=ROTATION, lw=1)
     for side, name, color in ((axes, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
         side.set_ylabel(f"error of {name}", color=color)
         side.set_ylim(bottom=0.0)
@@ -239,18 +195,20 @@ def legend_above(axes: Axes) -> None:
 
 
 def _draw_states(statuses: list[Status], axes: Axes, start: int) -> None:
+    """Draw a row for each state and each reason; what was said holds until the next is."""
     axes.set_title(f"State, and reason, of {len(statuses)} images", loc="left")
-    runs = runs_of(statuses, start)
-    present = [state for state in State if any(run[0] == state for run in runs)]
-    reasons = sorted({reason for _, reason, _, _ in runs if reason})
-    names = [*present, *reasons]
-    rows = {str(name): row for row, name in enumerate(names)}
-    for state, reason, first, end in runs:
-        width = max(end - first, 1e-3)
-        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLORS[State(state)])
-        if reason:
-            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLORS[State(state)])
-    axes.set_yticks(range(len(names)), [str(name) for name in names])
+    ordered = sorted(statuses, key=lambda status: status.stamp_ns)
+    begins = (np.array([status.stamp_ns for status in ordered]) - start) * 1e-9
+    widths = np.maximum(np.diff(begins, append=begins[-1]), 1e-3)
+    told = [(str(status.state), str(status.reason)) for status in ordered]
+    states, reasons = ({words[at] for words in told if words[at]} for at in (0, 1))
+    names = [*(str(state) for state in State if state in states), *sorted(reasons)]
+    for row, name in enumerate(names):
+        chosen = [i for i, words in enumerate(told) if name in words]
+        spans, half = [(begins[i], widths[i]) for i in chosen], 0.4 if name in states else 0.2
+        colors = [COLORS[State(told[i][0])] for i in chosen]
+        axes.broken_barh(spans, (row - half, 2.0 * half), facecolors=colors)
+    axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
 
 

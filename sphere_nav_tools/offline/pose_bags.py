@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
@@ -32,6 +33,15 @@ READINGS: dict[str, Reading] = {
 }
 
 
+def trajectory_of(
+    stamps: Sequence[int], poses: Sequence[SE3], covariances: Sequence[Array] | None = None
+) -> Trajectory:
+    """Return poses by their stamps in ns; covariances (6, 6), where there are any."""
+    matrices = np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4)
+    told = None if covariances is None else np.array(covariances).reshape(-1, 6, 6)
+    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices), told)
+
+
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: a folder, or a file of one."""
     return path.is_dir() or path.suffix in BAG_SUFFIXES
@@ -40,16 +50,15 @@ def is_bag(path: Path) -> bool:
 def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
     """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
     with BagReader(path) as bag:
-        name = next((topic for topic in topics if _count(bag, topic)), topics[0])
+        name = next((topic for topic in topics if count_of(bag, topic)), topics[0])
         info = bag.require(name)
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
         poses = dict(_poses(bag, info.name, READINGS[info.type]))
-    stamps = np.array(sorted(poses), dtype=np.int64)
-    chosen = [poses[stamp] for stamp in stamps.tolist()]
-    matrices = SE3(np.stack([pose.matrix for pose, _ in chosen]))
+    chosen = [poses[stamp] for stamp in sorted(poses)]
     covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
-    return Trajectory(stamps, matrices, np.stack(covariances) if len(covariances) == len(chosen) else None)
+    told = covariances if len(covariances) == len(chosen) else None
+    return trajectory_of(sorted(poses), [pose for pose, _ in chosen], told)
 
 
 def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, tuple[SE3, np.ndarray | None]]]:
@@ -59,6 +68,7 @@ def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, 
             yield stamp, reading(message)
 
 
-def _count(bag: BagReader, topic: str) -> int:
+def count_of(bag: BagReader, topic: str) -> int:
+    """Return how many messages a bag has on a topic."""
     info = bag.topics.get("/" + topic.lstrip("/"))
     return info.count if info else 0

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import yaml
-from tqdm import tqdm
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
@@ -19,7 +17,7 @@ from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
 from rig_calibration.drive.proof import LensProof, lens_distance, prove
 from rig_calibration.drive.refinement import refine_camera
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Bytes
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.params import build
@@ -31,8 +29,9 @@ from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
+from sphere_nav_tools.offline.tables import progress, quantity_lines
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 from sphere_nav_tools.offline.topics import BASE_FRAME
 
@@ -46,13 +45,6 @@ def velocity(located: Trajectory, index: int) -> Array | None:
     return (T[index - 1].inverse() @ T[index + 1]).log() / elapsed_s if elapsed_s <= 2.0 * MAX_PAUSE_S else None
 
 
-@contextmanager
-def working(what: str) -> Iterator[Callable[[], object]]:
-    """Show steps of an unknown number on a terminal, and the time that they take; each calls what is yielded."""
-    with tqdm(desc=what, unit="step", bar_format="{desc}: {n} steps, {elapsed}", leave=False, disable=None) as bar:
-        yield bar.update
-
-
 class RecordedDrive:
     """The images of a bag."""
 
@@ -61,7 +53,7 @@ class RecordedDrive:
         self._recorded = RecordedCamera(arguments.source, arguments)
         self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
         self.odometry = self._recorded.odometry
-        self.located = Trajectory(np.empty(0, np.int64), SE3(np.empty((0, 4, 4))))  # the camera, optical axes
+        self.located = trajectory_of([], [])  # the camera, optical axes
 
     def refine(self, sphere_map: MapReader) -> LensProof:
         """Localise the drive with the lens found so far and refine it, in turn; then judge it by halves of the drive.
@@ -71,14 +63,14 @@ class RecordedDrive:
         given = lens = Lens.of(self.camera, self._arguments.readout)
         for _ in range(REFINE_ROUNDS):
             images = self._locate(sphere_map, lens)
-            with working("refine the lens") as step:
-                found = refine_camera(images, given, progress=step).lens
+            with progress("refine the lens", "step") as bar:
+                found = refine_camera(images, given, progress=bar.update).lens
             is_settled, lens = lens_distance(lens, found) < SETTLED_PX, found
             if is_settled:
                 break
-        with working("test it on each half") as step:
+        with progress("test it on each half", "step") as bar:
             period_s = np.diff(self.located.stamps_ns).min(initial=np.iinfo(np.int64).max) * 1e-9  # of images
-            return prove(images, given, float(period_s), progress=step)
+            return prove(images, given, float(period_s), progress=bar.update)
 
     def _locate(self, sphere_map: MapReader, lens: Lens) -> list[DriveImage]:
         """Localise the drive with a lens; return images spread over it, with what the map shows there."""
@@ -92,12 +84,13 @@ class RecordedDrive:
 
     def _localize(self, localizer: Localizer, camera: Camera) -> Trajectory:
         stamps, poses = [], []
-        for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
-            candidate = localizer.update(image, camera, stamp).candidate  # a wrong lens is not trusted
+        found = self._recorded.localized(localizer, camera)
+        for stamp, _, estimate in progress("localise", "image", found):
+            candidate = estimate.candidate  # a wrong lens is not trusted
             if candidate is not None and candidate.is_accepted:
                 stamps.append(stamp)
-                poses.append(candidate.T_map_camera.matrix)
-        return Trajectory(np.array(stamps, np.int64), SE3(np.array(poses).reshape(-1, 4, 4)))
+                poses.append(candidate.T_map_camera)
+        return trajectory_of(stamps, poses)
 
     def _collect(self, localizer: Localizer, camera: Camera, located: Trajectory) -> Iterator[DriveImage]:
         """Yield images spread over the drive, with the pixels of the map that they show."""
@@ -106,18 +99,15 @@ class RecordedDrive:
         velocities = {int(located.stamps_ns[i]): (int(i), velocity(located, int(i))) for i in indices}
         if all(twist is None for _, twist in velocities.values()):  # too slow for one: no readout, but a lens
             velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
-        for stamp, image in self._images():
+        for stamp, image in self._recorded.images():
             index, twist = velocities.get(stamp, (0, None))
             if twist is None:
                 continue
             T_map_camera = located.T_map_body[index]
             choice = localizer.references.choose(T_map_camera, camera)
             if choice.views:
-                pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)
+                pyramid = build_pyramid(to_gray_bytes(image), camera, localizer.params.registration.pyramid)
                 yield collect(pyramid, choice.views[0], T_map_camera, twist)
-
-    def _images(self) -> Iterator[tuple[int, Bytes]]:
-        return ((stamp, to_gray_bytes(image)) for stamp, image in self._recorded.images())
 
 
 def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:
@@ -176,8 +166,6 @@ def mounting_lines(found: Mounting) -> Iterator[str]:
     """Yield what is printed."""
     left = "{:.3f} m, {:.4f} rad".format(*found.rms)
     yield f"mounting on {BASE_FRAME}: {found.num_pieces} pieces of the drive, left of each {left}"
-    for name, value, sigma in zip(NAMES, found.values, found.deviations, strict=True):
-        note = "  NOT OBSERVED by this drive: as it was given" if name in found.unobserved else ""
-        yield f"{name:<15}{value:10.4f} +- {sigma:.4f}{note}"
+    yield from quantity_lines(NAMES, found.values, found.deviations, found.unobserved)
     if found.unobserved:
         yield "a place shows in turns, a height on ramps and bumps only: measure what is missing"

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.course import Course, make_course
 from path_follower.routes.drive_files import read_drives
+from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network, RouteEdge, Spot
+from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.plot_figure import drawn, in_meters
 from sphere_nav_tools.offline.tables import columns
 
-ONE_WAY, BOTH, REVERSE, WAY = "#1f77b4", "#2ca02c", "#8c564b", "#d62728"
+EDGE, WAY = "#1f77b4", "#d62728"
 
 
 def map_id_of(path: Path) -> str:
@@ -52,6 +53,21 @@ def find_spot(network: Network, x: float, y: float, yaw: float | None) -> Spot:
     if not found:
         raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
     return min(found, key=lambda spot: abs(spot.left))
+
+
+def name_place(file: Path, network: Network, name: str, x: float, y: float, yaw: float | None) -> Network:
+    """Name the spot of a network that is closest to a position, and keep that in a file; return the network."""
+    named = network.with_place(name, find_spot(network, x, y, yaw))
+    write_network(file, named)
+    return named
+
+
+def write_way(file: Path, network: Network, route: Route) -> Course:
+    """Write a way on a network as a path, and return it."""
+    vehicle = VehicleParams()
+    course = make_course(network, route.legs, None, vehicle)
+    write_course(file, course, network.map_id, vehicle.max_speed)
+    return course
 
 
 def describe(network: Network) -> list[str]:
@@ -93,39 +109,22 @@ def describe_route(network: Network, route: Route) -> list[str]:
 
 
 def draw_network(path: Path, network: Network, route: Route | None = None) -> None:
-    """Draw edges with their numbers and directions, branches, places, and a way."""
+    """Draw edges with their numbers and arrows for the ways they are driven, branches, places, and a way."""
     with drawn(path, (10, 8)) as figure:
         axes = figure.add_subplot()
         for edge in network.edges.values():
-            _draw_edge(axes, edge)
+            axes.plot(edge.curve.x, edge.curve.y, color=EDGE, lw=1.5)
+            middle, ahead = (edge.curve.pose(share * edge.length)[:2] for share in (0.5, 0.51))
+            style = "<|" * edge.is_reverse + "-" + "|>" * edge.is_forward
+            arrow = {"arrowstyle": style, "color": EDGE, "mutation_scale": 14}
+            axes.annotate("", ahead, middle, arrowprops=arrow)
+            axes.annotate(str(edge.id), middle, (4, 4), textcoords="offset points", color=EDGE)
         for leg in route.legs if route is not None else ():
             part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
-            axes.plot(part.x, part.y, color=WAY, lw=5, alpha=0.35, solid_capstyle="round", zorder=1)
-        poses = np.array([node.pose[:2] for node in network.nodes.values()])
-        axes.plot(*poses.T, "o", color="black", ms=4, zorder=3)
+            axes.plot(part.x, part.y, color=WAY, lw=5, alpha=0.35)
+        axes.plot(*np.array([node.pose[:2] for node in network.nodes.values()]).T, "o", color="black", ms=4)
         for name, node in network.places.items():
-            pose = network.nodes[node].pose
-            box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "black", "alpha": 0.9}
-            axes.annotate(name, pose[:2], (6, 6), textcoords="offset points", weight="bold", bbox=box, zorder=4)
-        for color, label in ((ONE_WAY, "forward"), (BOTH, "both ways"), (REVERSE, "backwards only")):
-            if any(_color(edge) == color for edge in network.edges.values()):
-                axes.plot([], [], color=color, label=label)
+            axes.annotate(name, network.nodes[node].pose[:2], (6, 6), textcoords="offset points", weight="bold")
         if route is not None:
-            axes.plot([], [], color=WAY, lw=5, alpha=0.35, label=f"{route.length:.0f} m, {route.seconds:.0f} s")
-        axes.legend(loc="best")
+            axes.set_title(f"{route.length:.0f} m, {route.seconds:.0f} s", loc="left")
         in_meters(axes)
-
-
-def _color(edge: RouteEdge) -> str:
-    return BOTH if edge.is_forward and edge.is_reverse else ONE_WAY if edge.is_forward else REVERSE
-
-
-def _draw_edge(axes: Axes, edge: RouteEdge) -> None:
-    color, curve = _color(edge), edge.curve
-    axes.plot(curve.x, curve.y, color=color, lw=1.5, zorder=2)
-    middle = curve.pose(edge.length / 2)
-    ahead = curve.pose(min(edge.length / 2 + 0.1, edge.length))
-    arrow = {"arrowstyle": "-|>", "color": color, "mutation_scale": 14}
-    axes.annotate("", (ahead.x, ahead.y), (middle.x, middle.y), arrowprops=arrow)
-    left = (-9 * math.sin(middle.yaw), 9 * math.cos(middle.yaw))
-    axes.annotate(str(edge.id), middle[:2], left, textcoords="offset points", color=color, ha="center", va="center")

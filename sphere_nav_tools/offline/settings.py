@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_yaml, number
 
 
@@ -23,15 +24,51 @@ class SettingAction(argparse.Action):
         setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
 
 
-def numbers_of(text: str, option: str, expected: str, least: int, most: int = 0) -> tuple[float, ...]:
-    """Return finite numbers that are separated by commas; ValueError for others, or not so many."""
+def numbers(expected: str, least: int, most: int = 0) -> Callable[[str], tuple[float, ...]]:
+    """Return the type of an argument of so many finite numbers that are separated by commas."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            found = tuple(number(word.strip(), "") for word in text.split(","))
+        except ValueError:
+            found = ()
+        if not least <= len(found) <= max(least, most):
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+        return found
+
+    return read
+
+
+def read_pose(text: str) -> SE3:
+    """Return the pose of an argument x,y,z,qx,qy,qz,qw."""
+    values = numbers("x,y,z,qx,qy,qz,qw", 7)(text)
     try:
-        found = tuple(number(word.strip(), option) for word in text.split(","))
-    except ValueError:
-        found = ()
-    if not least <= len(found) <= max(least, most):
-        raise ValueError(f"{option}: expected {expected}, found {text!r}")
+        return SE3.from_quaternion(values[3:], values[:3])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"expected x,y,z,qx,qy,qz,qw, found {text!r}: {error}") from None
+
+
+def read_positive(text: str) -> float:
+    """Return the finite positive number of an argument."""
+    (found,) = numbers("a positive number", 1)(text)
+    if found <= 0:
+        raise argparse.ArgumentTypeError(f"expected a positive number, found {text}")
     return found
+
+
+def read_count(text: str) -> int:
+    """Return the whole number, 1 or more, of an argument."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return int(text)
+
+
+def read_size(text: str) -> tuple[int, int]:
+    """Return width and height of an argument WxH, pixels."""
+    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
+    if found is None or "0" in found.groups():
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 640x480, found {text!r}")
+    return int(found[1]), int(found[2])
 
 
 def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:
@@ -60,6 +97,12 @@ def _budget(text: str) -> Any:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def add_output(parser: argparse.ArgumentParser, metavar: str, what: str) -> None:
+    """Declare a file to write, and --overwrite."""
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=what)
+    add_overwrite(parser)
+
+
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Declare --overwrite."""
     parser.add_argument("--overwrite", action="store_true", help="replace what is there")
@@ -70,14 +113,6 @@ def check_free(arguments: argparse.Namespace, *outputs: Path | None, loss: str =
     for path in outputs:
         if path and path.exists() and not arguments.overwrite:
             raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")
-
-
-def size_of(text: str, option: str) -> tuple[int, int]:
-    """Return width and height of WxH in pixels; ValueError for others."""
-    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
-    if found is None or "0" in found.groups():
-        raise ValueError(f"{option}: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
-    return int(found[1]), int(found[2])
 
 
 def check_ending(path: Path, endings: Sequence[str]) -> None:

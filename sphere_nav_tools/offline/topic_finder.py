@@ -1,4 +1,4 @@
-"""Which topics of anybody's bag a job reads, and why: named by the user, a driver or us, else the only ones that fit.
+"""Which topics of anybody's bag a job reads, and why: named by the user or us, else the only ones that fit.
 
 `TopicFinder` answers all commands alike, by the table of `topics`. What cannot be used is never found, but told with
 its reason.
@@ -44,7 +44,15 @@ SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
 INFRARED = ("ir", "infra", "infra1", "infra2")  # names of cameras whose light a projector makes
 RGBD, STEREO = ("image_raw", DEPTH), ("left/image_raw", "right/image_raw")  # images that are chosen together
 Candidate = tuple[Stream, ...]
-Keep = Callable[[list[Candidate]], list[Candidate]]
+Preference = tuple[str, Callable[[Candidate, Sequence[Candidate]], float]]  # a word; rank of one among all
+Check = Callable[[str, dict[str, str]], None]  # of a kind and its topics; ValueError: they do not belong together
+KINDS = {
+    "cameras": CAMERAS,
+    "left": "stereo",
+    "right": "stereo",
+    "depth": "rgbd",
+    "sphere": "sphere",
+}  # by a name of ours
 
 
 @dataclass(frozen=True)
@@ -69,8 +77,6 @@ class TopicFinder:
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
-        for line in finder.shared_frames():
-            logging.getLogger("sphere_nav.frames").warning(line)
         return finder
 
     @cached_property
@@ -103,23 +109,6 @@ class TopicFinder:
                         line = str(error)
                     lines |= {f"{topic}: {line}": None} if line and kind else {}
         return tree, [*lines]
-
-    def shared_frames(self) -> list[str]:
-        """Return a line for each frame in which several cameras are, by topics that no driver has for one of them.
-
-        Pictures beside a calibration of their own are those of a camera; both of a stereo pair may be in one frame.
-        """
-        roots = tuple(f"/{root}/" for driver in self.drivers() for root in driver.roots(list(self.by_name)))
-        calibrated = {(_folder(s), s.frame_id) for s in self.streams if s.type == CAMERA_INFO}
-        cameras: dict[str, dict[str, Stream]] = {}
-        for stream in _without_twins(s for s in self.streams if s.is_picture and s.frame_id):
-            if not stream.topic.startswith(roots) and (_folder(stream), stream.frame_id) in calibrated:
-                cameras.setdefault(stream.frame_id, {}).setdefault(_folder(stream), stream)
-        return [
-            f"frame {frame}: expected one camera, found {' and '.join(topics)}: each needs a frame_id of its own"
-            for frame, found in cameras.items()
-            if len(topics := [stream.topic for stream in _without_rights([*found.values()])]) > 1
-        ]
 
     @property
     def lens(self) -> str:
@@ -160,7 +149,7 @@ class TopicFinder:
                 for ours, image in zip(group, images, strict=True):
                     info = ours.removesuffix("image_raw") + "camera_info"
                     if info in wanted or (ours == DEPTH and not _is_registered(images)):
-                        found[info] = self._calibration(info, image, found).topic
+                        found[info] = self.calibration_of(image, info, found.get(info, "")).topic
                     elif "sphere_info" in wanted and "sphere_info" not in found:
                         found["sphere_info"] = self._panorama(image).topic
         except BagError as error:
@@ -189,24 +178,28 @@ class TopicFinder:
             return self.find(["image_raw"])
         return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
 
-    def find_kind(self, *, has_rig: bool = False) -> str:
-        """Return what spheres are made of, by our names of topics, else by what is found; BagError: nothing."""
-        for kind, wanted in TOPICS.items():
-            if not self.chosen and not has_rig and all(absolute(topic) in self.by_name for topic in wanted):
-                return kind
-        images = [topic for topic in self.by_name if topic.startswith("/cameras/") and "/image_raw" in topic]
-        if images or has_rig or any(ours.startswith("cameras/") for ours in self.chosen):
-            return CAMERAS
-        for kind, word in (("stereo", "left"), ("rgbd", "depth")):
-            if any(ours.startswith(word) for ours in self.chosen):
-                return kind
-        if any(stream.type == SPHERE for stream in self.streams):
-            return "sphere"
-        reasons = ["no spheres"]
-        for kind in ("rgbd", "stereo"):
+    def find_source(self, *, has_rig: bool = False, check: Check = lambda *_: None) -> tuple[str, Choice]:
+        """Return what spheres are made of, a kind of TOPICS with its topics, or CAMERAS; BagError: nothing.
+
+        What the user named decides, else our own names, else what is found, and belongs together by `check`.
+        """
+        own = [kind for kind, wanted in TOPICS.items() if all(absolute(topic) in self.by_name for topic in wanted)]
+        named = [KINDS[ours.split("/")[0]] for ours in self.chosen if ours.split("/")[0] in KINDS]
+        has_cameras = any(topic.startswith("/cameras/") and "/image_raw" in topic for topic in self.by_name)
+        if has_rig or CAMERAS in named or (has_cameras and not (own and not self.chosen)):
+            return CAMERAS, Choice({}, "")
+        has_spheres = any(stream.type == SPHERE for stream in self.streams)
+        offered = [kind for kind in TOPICS if (kind == "sphere") == has_spheres]
+        reasons = []
+        for kind in named or (not self.chosen and own) or offered:
             choice = self.find(TOPICS[kind])
             if choice.topics:
-                return kind
+                try:
+                    check(kind, choice.topics)
+                except ValueError as error:
+                    choice = Choice({}, str(error))
+                else:
+                    return kind, choice
             reasons.append(choice.reason)
         raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys([*reasons, *self.alone]))}")
 
@@ -233,10 +226,6 @@ class TopicFinder:
         for view in sorted(seen, key=lambda stream: (stream.is_gray, stream.topic)):
             best.setdefault((view.frame_id or view.topic, view.size), view)
         return list(best.values())
-
-    def calibration_of(self, image: Stream) -> Stream:
-        """Return the CameraInfo of an image; BagError where that is not one."""
-        return self._calibration("camera_info", image, {})
 
     def slack_s(self, topic: str) -> float:
         """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
@@ -298,19 +287,12 @@ class TopicFinder:
         return stream
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-        """Return what needs no search: what the user named, or a driver is known to call so, and our own names."""
-        firsts, beside = {ours.split("/")[0] for ours in wanted}, {"camera_info", "odom", "imu"}
-        others = {ours.split("/")[0] for kind in (*TOPICS.values(), (CAMERAS,)) for ours in kind} - firsts - beside
+        """Return what needs no search: what the user named, and our own names."""
+        firsts, kinds = {ours.split("/")[0] for ours in wanted}, {*KINDS, "image_raw"}
         checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
-        named = {ours: topic for ours, topic in checked.items() if ours.split("/")[0] not in others}
-        reasons = ["as named"] if named else []
-        drivers = [driver for driver in self.drivers() if set(wanted) <= {*driver.topics, "sphere_info"}]
-        if not self.chosen and drivers:
-            have = [stream.topic for stream in self.streams if _is_usable(stream)]
-            named = {o: topic for o, topic in drivers[0].find(have).items() if o.split("/")[0] in firsts}
-            reasons = [f"as {drivers[0].name} calls them"]
+        named = {o: topic for o, topic in checked.items() if o.split("/")[0] in firsts or o.split("/")[0] not in kinds}
         own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}
-        return own | named, reasons + ["by their names"] * (not own.keys() <= named.keys())
+        return own | named, ["as named"] * bool(named) + ["by their names"] * (not own.keys() <= named.keys())
 
     def _checked(self, ours: str, topic: str) -> str:
         if topic not in self.by_name:
@@ -343,8 +325,9 @@ class TopicFinder:
         candidates, decisive = list(product(*pools)), []
         if group == STEREO and not set(STEREO) <= set(found):
             candidates = list(filter(_is_pair, candidates))
-        for word, keep in _preferences(group):
-            kept = keep(candidates)
+        for word, rank in _preferences(group):
+            ranks = [rank(candidate, candidates) for candidate in candidates]
+            kept = [candidate for candidate, found in zip(candidates, ranks, strict=True) if found == max(ranks)]
             decisive += [word] * (len(kept) < len(candidates))
             candidates = kept
         if len(candidates) != 1:
@@ -360,11 +343,14 @@ class TopicFinder:
             raise BagError(f"expected one choice of {what}, found {len(candidates)}: {offered}; choose by {options}")
         return candidates[0], ", ".join(decisive)
 
-    def _calibration(self, ours: str, image: Stream, found: Mapping[str, str]) -> Stream:
-        """Return the CameraInfo of an image: of its namespace, else of its frame and size."""
+    def calibration_of(self, image: Stream, ours: str = "camera_info", known: str = "") -> Stream:
+        """Return the CameraInfo of an image: the known one, else of its namespace, else of its frame and size.
+
+        BagError where that is not one, or none of the image.
+        """
         infos = [stream for stream in self.streams if stream.type == CAMERA_INFO]
         beside = [info for info in infos if info.topic == image.base.rsplit("/", 1)[0] + "/camera_info"]
-        fitting = [self.by_name[found[ours]]] if ours in found else beside
+        fitting = [self.by_name[known]] if known else beside
         if not fitting:
             fitting = [info for info in infos if info.size == image.size or not image.width]
             fitting = [info for info in fitting if info.frame_id == image.frame_id] or fitting
@@ -396,14 +382,11 @@ def check_calibration(info: Stream, image: Stream, *, is_pair: bool = False) -> 
 
 
 def names_of_cameras(views: Sequence[Stream]) -> list[str]:
-    """Return a name for each of several cameras: the first part by which their topics differ, else all that differ."""
+    """Return a name for each of several cameras: the parts by which their topics differ."""
     parts = [view.base.strip("/").split("/") for view in views]
     differing = [place for place in range(min(map(len, parts))) if len({part[place] for part in parts}) > 1]
-    for places in [*([place] for place in differing), differing]:
-        names = ["_".join(part[place] for place in places) for part in parts]
-        if len(set(names)) == len(names):
-            return names
-    return [f"camera{number}" for number in range(len(views))]
+    names = ["_".join(part[place] for place in differing) for part in parts]
+    return names if len(set(names)) == len(names) else [f"camera{number}" for number in range(len(views))]
 
 
 def _groups(wanted: Sequence[str]) -> list[tuple[str, ...]]:
@@ -424,10 +407,6 @@ def _without_rights(pictures: Sequence[Stream]) -> list[Stream]:
     return [p for p in pictures if not any(_is_pair((other, p)) for other in pictures)]
 
 
-def _folder(stream: Stream) -> str:
-    return stream.base.rpartition("/")[0]
-
-
 def _is_pair(pair: Candidate) -> bool:
     """Whether the names are those of the left and the right side of one device."""
     left, right = (stream.base for stream in pair)
@@ -441,36 +420,27 @@ def _nearness(pair: Candidate) -> float:
     return np.inf if _is_registered(pair) else alike
 
 
-def _with_most_frames(candidates: list[Candidate]) -> list[Candidate]:
-    """Keep those with more than half of the images of the one that has most."""
-    counts = [min(stream.count for stream in candidate) for candidate in candidates]
-    return [candidate for candidate, count in zip(candidates, counts, strict=True) if 2 * count > max(counts)]
+def _num_frames(candidate: Candidate) -> int:
+    return min(stream.count for stream in candidate)
 
 
-def _best_by(rank: Callable[[Candidate], float]) -> Keep:
-    """Return what keeps the candidates whose rank is highest."""
-
-    def keep(candidates: list[Candidate]) -> list[Candidate]:
-        ranks = [rank(candidate) for candidate in candidates]
-        return [candidate for candidate, found in zip(candidates, ranks, strict=True) if found == max(ranks)]
-
-    return keep
-
-
-_OF_PAIRS = ("more frames", _with_most_frames), ("colour", _best_by(lambda pair: not pair[0].is_gray))
+_OF_PAIRS: tuple[Preference, ...] = (
+    ("more frames", lambda one, all_: 2 * _num_frames(one) > max(map(_num_frames, all_))),
+    ("colour", lambda pair, _: not pair[0].is_gray),
+)
 # By what streams that could be chosen together are told apart, in this order; a word for each.
-PREFERENCES: dict[tuple[str, ...], tuple[tuple[str, Keep], ...]] = {
-    RGBD: (("depth of that camera", _best_by(_nearness)), *_OF_PAIRS),
-    STEREO: (("rectified", _best_by(lambda pair: "rect" in pair[0].base)), *_OF_PAIRS),
+PREFERENCES: dict[tuple[str, ...], tuple[Preference, ...]] = {
+    RGBD: (("depth of that camera", lambda pair, _: _nearness(pair)), *_OF_PAIRS),
+    STEREO: (("rectified", lambda pair, _: "rect" in pair[0].base), *_OF_PAIRS),
 }
 
 
-def _preferences(group: tuple[str, ...]) -> tuple[tuple[str, Keep], ...]:
+def _preferences(group: tuple[str, ...]) -> tuple[Preference, ...]:
     """Return those of a group; of the camera of a rig, a topic that has its name for a part goes before others."""
     if not group[0].startswith("cameras/"):
         return PREFERENCES.get(group, ())
     name = group[0].split("/")[1]
-    return (("its name", _best_by(lambda one: name in one[0].base.split("/"))),)
+    return (("its name", lambda one, _: name in one[0].base.split("/")),)
 
 
 def _without_twins(streams: Iterable[Stream]) -> list[Stream]:

@@ -66,7 +66,7 @@ def words(stream: Stream) -> set[str]:
 
 def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) -> None:
     """Declare what every command that uses the topics of a bag takes; without --camera where that means a lens."""
-    group = parser.add_argument_group("topics, found by driver, type, name, frame and size where they are not given")
+    group = parser.add_argument_group("topics, found by type, name, frame and size where they are not given")
     for option, ours in _plain_options().items():
         group.add_argument(option, metavar="TOPIC", help=ROLES[ours].meaning)
     if has_cameras:

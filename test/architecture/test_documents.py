@@ -118,7 +118,7 @@ def test_every_numbered_item_of_a_paper_has_a_row(paper):
 
 
 def test_named_benchmarks_and_commands_exist():
-    known = {command.name for command in COMMANDS}
+    known = set(COMMANDS)
     stems = {path.stem for path in (ROOT / "benchmarks").rglob("*.py")}
     for cells in rows("docs/papers.md"):
         for words in (call.split() for call in re.findall(r"`([^`/]+)`", cells[FIGURE[len(cells)]])):

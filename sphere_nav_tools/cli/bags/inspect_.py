@@ -14,7 +14,7 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
-from sphere_nav_tools.offline.offers import OpenedBag, find_offers
+from sphere_nav_tools.offline.offers import offer_localize, offer_map, offer_mcl
 from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -50,13 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
         finder = TopicFinder.of(bag, arguments)
         streams, (first, last) = finder.streams, bag.time_range
         mounting = describe_mountings(finder.frames, streams, arguments.mounting) + finder.frames_told[1]
-        offers = find_offers(OpenedBag(finder, arguments.rig, arguments.mounting))
+        offers = [offer_map(finder, arguments.rig), offer_localize(finder), offer_mcl(finder)]
     if arguments.mounting:
         for offer in offers:
             offer.command += ["--mounting", arguments.mounting] if offer.command else []
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
     print("\n".join(topic_table(streams)))
-    print("\n".join([*driver_lines(finder), *mounting]))
+    drivers = [f"driver: {driver.title}: --driver {driver.name}" for driver in finder.drivers()]
+    print("\n".join([*drivers, *mounting]))
     for offer in offers:
         print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
         if offer.command:
@@ -67,18 +68,6 @@ def run(arguments: argparse.Namespace) -> int:
         content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
         write_json(arguments.json, content)
     return 0 if any(offer.command for offer in offers) else 1
-
-
-def driver_lines(finder: TopicFinder) -> list[str]:
-    """Return which drivers are known by their topics, and what they publish otherwise than usual."""
-    by_name, lines = finder.by_name, []
-    for driver in finder.drivers():
-        lines.append(f"driver: {driver.title}: --driver {driver.name}")
-        for ours, theirs in driver.find(by_name).items():
-            usual, found = driver.encodings.get(ours, ()), by_name[theirs].encoding
-            if usual and found not in usual and "compressed" not in found:
-                lines.append(f"  {theirs}: usually {' or '.join(usual)}, here {found}")
-    return lines
 
 
 def describe_mountings(frames: TransformTree, streams: Sequence[Stream], given: str) -> list[str]:

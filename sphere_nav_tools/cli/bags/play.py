@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from tqdm import tqdm
-
-from sphere_nav.ros.bags.player_node import BagPlayer
+from sphere_nav.params import leaves
+from sphere_nav.ros.bags.player_node import BagPlayer, PlayerParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.run import run as run_node
+from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
 Publish the messages of a bag in the order and at the pace of recording. Latched topics (tf_static) come first.
@@ -20,23 +20,27 @@ examples:
 """
 
 
+OPTIONS = [leaf for leaf in leaves(PlayerParams) if leaf.name != "bag"]
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the bag, and the other parameters of the node as options."""
     parser.add_argument("bag", metavar="BAG", help="a folder or an .mcap file")
-    parser.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="play these only")
-    parser.add_argument("--rate", type=float, default=1.0, metavar="X", help="speed; 0: as fast as acknowledged (1)")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="begin so many seconds into the bag")
-    parser.add_argument("--clock", action="store_true", help="publish /clock")
-    parser.add_argument("--paused", action="store_true", help="wait for a call of bag_player/resume")
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
-    parser.add_argument("--wait-for", nargs="+", default=[], metavar="TOPIC", help="wait until these have a listener")
+    for leaf in OPTIONS:
+        option, told = f"--{leaf.name.replace('_', '-')}", leaf.doc
+        if isinstance(leaf.default, bool):
+            parser.add_argument(option, action="store_true", help=told)
+        elif isinstance(leaf.default, str):
+            parser.add_argument(option, nargs="+", default=[], metavar="TOPIC", help=told)
+        else:
+            parser.add_argument(option, type=float, default=leaf.default, metavar="X", help=f"{told} (%(default)g)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Play to the end, or until a signal."""
-    words = {name: " ".join(getattr(arguments, name)) for name in ("topics", "wait_for")}
-    values = {name: getattr(arguments, name) for name in ("bag", "rate", "start", "clock", "paused", "loop")} | words
-    with tqdm(unit="message", desc="play", disable=None) as bar:
+    given = {name: getattr(arguments, name) for name in ("bag", *(leaf.name for leaf in OPTIONS))}
+    values = {name: " ".join(value) if isinstance(value, list) else value for name, value in given.items()}
+    with progress("play", "message") as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total

@@ -7,10 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from tqdm import tqdm
-
 from sphere_nav.ros.bags import BagReport, salvage, verify_bag
-from sphere_nav_tools.offline.tables import columns
+from sphere_nav_tools.offline.tables import columns, progress
 
 HELP = """\
 Read every message of a bag, check its checksums, and tell what is in it. Exit status 1 if there is a problem.
@@ -32,11 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check, or salvage."""
     if arguments.salvage:
-        with tqdm(unit="message", desc="salvage", disable=None) as bar:
+        with progress("salvage", "message") as bar:
             count = salvage(arguments.bag, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {count} messages salvaged")
         return 0
-    with tqdm(unit="message", desc="verify", disable=None) as bar:
+    with progress("verify", "message") as bar:
         report = verify_bag(arguments.bag, bar.update)
     print(json.dumps(_as_dict(report), indent=2) if arguments.json else _as_text(report))
     for problem in report.problems:

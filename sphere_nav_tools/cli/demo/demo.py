@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,13 +16,14 @@ from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.params import build
+from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, find_map
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav_tools.cli.processes import Processes
-from sphere_nav_tools.offline.tables import write_json
+from sphere_nav_tools.offline.tables import facts_as_lines, write_json
 
 HELP = """\
 Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
@@ -67,10 +67,6 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
 }
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
-WARM_UP = (
-    "from sphere_nav import photometric; photometric.warm_up(); "
-    "from sphere_mapping.acquisition.warm_up import warm_up; warm_up()"
-)
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
@@ -124,23 +120,20 @@ class Demo:
         self.length = build_world(params.world, params.seed, params.path).path.length
         self.folder = new_folder(output)
         self.seconds: dict[str, float] = {}
-        self.cpu_seconds: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Measure the time of a stage, and that of the processors in this process and its children."""
+        """Measure the time of a stage."""
         print(f"{name} ...", flush=True)
-        begun, cpu = time.monotonic(), cpu_seconds()
+        begun = time.monotonic()
         try:
             yield
         finally:
             self.seconds[name] = round(time.monotonic() - begun, 1)
-            self.cpu_seconds[name] = round(cpu_seconds() - cpu, 1)
 
     def teach(self) -> None:
-        """Drive the path once by the simulator's driver and record the cameras; compile what comes later beside."""
+        """Drive the path once by the simulator's driver and record the cameras."""
         with self.stage("teach"), self.processes("teach") as processes, DriveMonitor(processes, self.domain) as watch:
-            processes.run("warm_up", WARM_UP)
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
                 "cycab_sim",
@@ -148,7 +141,6 @@ class Demo:
             )
             self.follow(watch, "teaching drive", lambda: watch.has_told("taught"))
             processes.stop("bag_recorder")
-            processes.wait("warm_up")
 
     def map(self) -> None:
         """Make the map from the recording, by the command that a user types."""
@@ -193,17 +185,20 @@ class Demo:
     def judge(self) -> int:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
         from sphere_nav_tools.cli.demo import plots  # matplotlib takes half a second to import
+        from sphere_nav_tools.offline import plot_figure
 
         with self.stage("judge"):
             T_world_map = find_map(self.folder)
             errors = drive_errors(self.folder / "teach", self.folder / "drive", T_world_map)
             with open_map(self.folder / "map") as made:
                 keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            with BagReader(self.folder / "drive") as bag:
+                statuses = plot_figure.read_statuses(bag, "/status")
             plots.plot_top_view(self.folder / "top_view.png", errors, keys)
-            plots.plot_errors(self.folder / "errors.png", errors)
+            plot_figure.draw_localization(self.folder / "errors.png", errors.estimate, errors.judged, statuses)
         result = self.result(errors, len(keys))
         write_json(self.folder / "result.json", result)
-        print(result_table(result, self.folder))
+        print("\n".join([*facts_as_lines(result), f"plots, map and bags: {self.folder}", verdict(result)]))
         return 0 if result["has_followed"] else 1
 
     def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
@@ -212,7 +207,7 @@ class Demo:
         return {
             "lateral_rmse_m": float(np.sqrt(np.mean(errors.lateral**2))),
             "lateral_max_m": worst,
-            "longitudinal_rmse_m": float(np.sqrt(np.mean(errors.longitudinal**2))),
+            "longitudinal_rmse_m": errors.judged.report["longitudinal_m"]["rmse"],
             "share_driven": errors.share_driven,
             "has_finished": self.has_finished,
             "has_followed": self.has_finished and worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
@@ -221,7 +216,6 @@ class Demo:
             "num_key_spheres": num_key_spheres,
             "seed": self.simulation["seed"],
             "seconds": self.seconds,
-            "cpu_seconds": self.cpu_seconds,
         }
 
 
@@ -230,32 +224,11 @@ def has_ended(follower: str) -> bool:
     return follower.startswith(("FINISHED", "STOPPED")) and "CLOCK_STOPPED" not in follower
 
 
-def cpu_seconds() -> float:
-    """Return the processor time of this process and of all children that have ended, s."""
-    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
-
-
-def result_table(result: dict[str, Any], folder: Path) -> str:
-    """Return the table that is printed."""
-    cpu = result["cpu_seconds"]
-    stages = ", ".join(f"{name} {seconds:.0f} s (CPU {cpu[name]:.0f})" for name, seconds in result["seconds"].items())
-    verdict = "the drive followed the taught path to its end"
-    if not result["has_followed"]:
-        verdict = "THE DRIVE LEFT THE TAUGHT PATH" if result["has_finished"] else "THE DRIVE DID NOT FINISH"
-    return "\n".join(
-        [
-            f"driven               {100 * result['share_driven']:.1f} % of {result['length_m']:.0f} m",
-            f"lateral RMSE         {result['lateral_rmse_m']:.3f} m",
-            f"lateral maximum      {result['lateral_max_m']:.3f} m (limit {MAX_LATERAL} m)",
-            f"longitudinal RMSE    {result['longitudinal_rmse_m']:.3f} m (the map's drift included)",
-            f"key spheres          {result['num_key_spheres']}",
-            f"time                 {stages}",
-            f"end                  {result['end']}",
-            f"plots, map and bags  {folder}",
-            verdict,
-        ]
-    )
+def verdict(result: dict[str, Any]) -> str:
+    """Return in words whether the drive has followed the path."""
+    if result["has_followed"]:
+        return "the drive followed the taught path to its end"
+    return "THE DRIVE LEFT THE TAUGHT PATH" if result["has_finished"] else "THE DRIVE DID NOT FINISH"
 
 
 def new_folder(wanted: Path) -> Path:

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from path_follower.path import Pose2, ReferencePath, Segment
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_motion
-from sphere_nav_tools.cli.constants import MOVING, TRUTH_SPACING
+from sphere_nav_tools.cli.constants import MOVING
+from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 TAUGHT = "taught.tum"
@@ -22,18 +23,19 @@ TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 class DriveErrors:
     """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
 
-    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser, at
-    `seconds` (M,). `drift` (M,) m: what of it the map was off itself there, when it was taught.
+    `estimate`: the poses of the localiser in the world; `judged`: these against the truth.
     """
 
-    taught: Array
-    driven: Array
+    taught: ReferencePath
     along: Array
     lateral: Array
-    seconds: Array
-    longitudinal: Array
-    drift: Array
-    share_driven: float
+    estimate: Trajectory
+    judged: Judged
+
+    @property
+    def share_driven(self) -> float:
+        """Share of the taught path."""
+        return float(self.along.max() / self.taught.length)
 
 
 def find_map(folder: Path) -> SE3:
@@ -47,52 +49,30 @@ def find_map(folder: Path) -> SE3:
 
 
 def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world.
-
-    The poses of the map (taught.tum) lie beside the bag of the teaching drive.
-    """
-    truth = read_truth(drive)
-    driven, taught = (_crop_to_motion(one).positions[:, :2] for one in (truth, read_truth(teach)))
-    along, lateral = distances_from_path(driven, taught)
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
+    truth, taught = read_truth(drive), path_of(_crop_to_motion(read_truth(teach)))
+    along, lateral = distances_from_path(_crop_to_motion(truth).positions[:, :2], taught)
     estimate = read_poses(drive, (ESTIMATE,)).moved(T_world_map)
-    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
-    found = absolute_errors(estimate[known], at, directions_of_motion(at)).longitudinal_m
-    seconds = (estimate.stamps_ns[known] - estimate.stamps_ns[0]) / 1e9
-    drift = map_drift(at.positions[:, :2], teach.with_name(TAUGHT), read_truth(teach), T_world_map)
-    return DriveErrors(
-        taught, driven, along, lateral, seconds, found, drift, float(along.max() / arc_lengths(taught)[-1])
-    )
+    return DriveErrors(taught, along, lateral, estimate, evaluate_poses(estimate, truth, is_interpolated=True))
 
 
-def map_drift(places: Array, taught: Path, truth: Trajectory, T_world_map: SE3) -> Array:
-    """Return how far ahead of the truth the map is at places (M, 2) m of the world: at its next taught pose."""
-    poses = read_tum(taught).moved(T_world_map)
-    at, known = truth.at(poses.stamps_ns, max_gap_ns=round(2e8))
-    ahead = absolute_errors(poses[known], at, directions_of_motion(at)).longitudinal_m
-    nearest = [int(np.argmin(np.sum((at.positions[:, :2] - place) ** 2, axis=1))) for place in places]
-    return np.asarray(ahead)[nearest]
+def path_of(driven: Trajectory) -> ReferencePath:
+    """Return the path of a drive as it was, without smoothing."""
+    xy, yaw = driven.positions[:, :2], np.unwrap(driven.T_map_body.yaw)
+    nothing = np.zeros(len(xy))
+    return ReferencePath(xy[:, 0], xy[:, 1], yaw, nothing, arc_lengths(xy), nothing, (Segment(0, len(xy) - 1, 1),))
 
 
-def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
-    """Return where along a path (M, 2) each point (N, 2) is, and how far to the left of it, both in metres.
+def distances_from_path(points: Array, path: ReferencePath) -> tuple[Array, Array]:
+    """Return where along a path each point (N, 2) is, and how far to the left of it, both in metres.
 
     The place only moves forward, at most 2 m a point, so that a path may cross itself.
     """
-    length = arc_lengths(path)
-    distinct = np.concatenate([[True], np.diff(length) > 0])
-    s = np.arange(0.0, length[-1], TRUTH_SPACING)
-    dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)
-    ahead = np.gradient(dense, axis=0)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    place, places, lateral = 0, [], []
-    reach = round(2.0 / TRUTH_SPACING)
-    for point in points:
-        window = slice(max(0, place - 10), place + reach)
-        place = window.start + int(np.argmin(np.sum((dense[window] - point) ** 2, axis=1)))
-        off = point - dense[place]
-        places.append(s[place])
-        lateral.append(ahead[place, 0] * off[1] - ahead[place, 1] * off[0])
-    return np.array(places), np.array(lateral)
+    places = [path.begin_of(0)]
+    for x, y in points:
+        places.append(path.advance(Pose2(x, y, 0.0), places[-1], 2.0))
+    along, lateral = np.array([(place.arc_length, place.cross_track) for place in places[1:]]).T
+    return along, lateral
 
 
 def read_truth(bag: Path) -> Trajectory:

@@ -8,7 +8,7 @@ from pathlib import Path
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import add_budget, add_settings
+from sphere_nav_tools.offline.settings import add_budget, add_settings, read_count
 from sphere_nav_tools.offline.topic_finder import CAMERAS
 
 HELP = """\
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument(
         "--jobs",
-        type=_positive,
+        type=read_count,
         default=1,
         metavar="N",
         help="processes that stitch and verify loops (%(default)s)",
@@ -91,10 +91,3 @@ def _add_extension(parser: argparse.ArgumentParser) -> None:
         help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
     )
     add_budget(parser)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
-    return number

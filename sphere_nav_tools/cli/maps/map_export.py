@@ -7,15 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav_tools.offline.geojson import Datum, geojson
 from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
+from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.tables import progress
 
 Writer = Callable[[MapReader, Path, argparse.Namespace], str]
 
@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-range", type=float, default=50.0, metavar="M", help="clouds: farther is left out")
     parser.add_argument(
         "--datum",
+        type=Datum.parse,
         metavar="lat,lon,heading",
         help=".geojson: where the map begins, and its x axis from north, deg",
     )
@@ -67,7 +68,7 @@ def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
 
     def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
         params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
-        nodes = tqdm(list(reader.graph), desc="export", unit="sphere", leave=False, disable=None)
+        nodes = progress("export", "sphere", list(reader.graph))
         return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
 
     return write_all
@@ -77,7 +78,7 @@ def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) 
     """Write key spheres and edges on the earth."""
     if not arguments.datum:
         raise ValueError("map-export: .geojson: expected --datum lat,lon,heading of the map's origin, found none")
-    path.write_text(geojson(reader.graph, Datum.parse(arguments.datum)), encoding="utf-8")
+    path.write_text(geojson(reader.graph, arguments.datum), encoding="utf-8")
     return f"{len(reader.graph)} points, {len(reader.graph.edges)} lines"
 
 
@@ -88,18 +89,13 @@ def write_graph(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
 
 
 def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
-    """Write the poses of the key spheres by stamp."""
+    """Write the poses of the key spheres by stamp; `.kitti` has a line of 12 numbers for each."""
     nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
-    matrices = np.stack([node.T_map_sphere.matrix for node in nodes])
-    poses = Trajectory(np.array([node.stamp_ns for node in nodes], dtype=np.int64), SE3(matrices))
-    write_tum(path, poses, str(reader.info.map_id))
-    return f"{len(nodes)} poses"
-
-
-def write_kitti(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
-    """Write the poses of the key spheres by stamp, a line of 12 numbers each."""
-    nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
-    np.savetxt(path, [node.T_map_sphere.matrix[:3].ravel() for node in nodes], fmt="%.9g")
+    poses = trajectory_of([node.stamp_ns for node in nodes], [node.T_map_sphere for node in nodes])
+    if ".kitti" in path.suffixes:  # an unfinished file has one more
+        np.savetxt(path, poses.T_map_body.matrix[:, :3].reshape(-1, 12), fmt="%.9g")
+    else:
+        write_tum(path, poses, str(reader.info.map_id))
     return f"{len(nodes)} poses"
 
 
@@ -108,6 +104,6 @@ WRITERS: dict[str, Writer] = {
     ".laz": write_cloud(write_laz),
     ".g2o": write_graph,
     ".tum": write_trajectory,
-    ".kitti": write_kitti,
+    ".kitti": write_trajectory,
     ".geojson": write_geojson,
 }

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tqdm import tqdm
-
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
 Read every key sphere of a map and check it. Exit status 1 where something is wrong, each problem on a line.
@@ -28,13 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check, or salvage."""
     if arguments.salvage:
-        with tqdm(desc="salvage", unit="message", leave=False, disable=None) as bar:
+        with progress("salvage", "message") as bar:
             kept = salvage_map(arguments.map, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {kept} key spheres saved")
         return 0
     with open_map(arguments.map) as reader:
         number = len(reader.graph)
-    with tqdm(total=number, desc="verify", unit="sphere", leave=False, disable=None) as bar:
+    with progress("verify", "sphere", total=number) as bar:
         problems = verify_map(arguments.map, bar.update)
     for problem in problems:
         print(problem)

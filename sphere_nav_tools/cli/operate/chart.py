@@ -81,14 +81,11 @@ class Chart:
         )
 
     def mark(self, name: str, points: Any) -> None:
-        """Show where the map was clicked, or what is being dragged: an arrow through two points, a cross at one."""
-        begin, end = np.asarray(points[0], float), np.asarray(points[-1], float)
-        along = end - begin if len(points) > 1 else np.array([0.6, 0.6])
-        across = np.array([-along[1], along[0]])
-        cross = [begin - along, begin + along, begin, begin - across, begin + across]
-        arrow = [begin, end, end - 0.25 * along + 0.15 * across, end, end - 0.25 * along - 0.15 * across]
+        """Show where the map was clicked, or dragged from and to: a cross, and a line to the end."""
+        begin = np.asarray(points[0], float)
+        cross = [begin + arm for arm in ((0.6, 0.6), (-0.6, -0.6), (0.0, 0.0), (0.6, -0.6), (-0.6, 0.6), (0.0, 0.0))]
         self._drawn.pop(name, None)
-        self.draw(name, cross if len(points) == 1 else arrow, COLORS["mark"], 0.7, 4.0)
+        self.draw(name, [*cross, points[-1]], COLORS["mark"], 0.7, 4.0)
 
     def scale(self) -> str:
         """Return the scale of what is seen, where y of the map points, and a legend, as HTML."""

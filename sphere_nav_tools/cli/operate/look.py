@@ -14,8 +14,8 @@ STYLE = """
 .sn-past {position:fixed; z-index:900; left:326px; bottom:12px; width:min(560px, calc(100vw - 800px)); height:76px;
   padding:8px 10px; border-radius:10px; background:var(--mantine-color-body);
   box-shadow:0 1px 6px #0006; font-size:12px}
-.sn-bar {position:relative; height:30px; background:#8883; border-radius:4px; overflow:hidden}
-.sn-bar div {position:absolute; top:0; bottom:0}
+.sn-bar {display:flex; height:30px; background:#8883; border-radius:4px; overflow:hidden}
+.sn-bar div {min-width:0; overflow:hidden; color:white; padding:5px 0}
 .sn-scale {position:fixed; z-index:800; left:12px; bottom:104px; font-size:13px; font-weight:600; padding:2px 8px;
   background:var(--mantine-color-body); border-radius:6px}
 .sn-scale i {display:inline-block; height:6px; border:2px solid currentColor; border-top:0; margin-right:6px}

@@ -6,6 +6,7 @@ import argparse
 import os
 import shlex
 import threading
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from sphere_nav_tools.cli import gate
@@ -53,18 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
     if simulated is not None:
         os.environ.update(simulated.environment)
         what = ["-p", "topic_set:=all", "-p", "use_sim_time:=true"]
-    teaching = Teaching(folder, what, shlex.split(arguments.map_options))
-    link = Link(arguments.namespace, arguments.image)
-    try:
-        page = OperatorPage(link, teaching, simulated, place=(arguments.host, arguments.port), token=token)
-        print(f"{page.url}  (Ctrl-C ends it)", flush=True)
-        try:
-            threading.Event().wait()
-        finally:
-            page.close()
-    finally:
-        link.close()
-        teaching.close()
+    with ExitStack() as stack:
         if simulated is not None:
-            simulated.close()
+            stack.callback(simulated.close)
+        teaching = stack.enter_context(closing(Teaching(folder, what, shlex.split(arguments.map_options))))
+        link = stack.enter_context(closing(Link(arguments.namespace, arguments.image)))
+        place = arguments.host, arguments.port
+        page = stack.enter_context(closing(OperatorPage(link, teaching, simulated, place=place, token=token)))
+        print(f"{page.url}  (Ctrl-C ends it)", flush=True)
+        threading.Event().wait()
     return 0

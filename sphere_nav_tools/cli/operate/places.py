@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from path_follower.params import VehicleParams
-from path_follower.routes.course import make_course
-from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network
-from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
+from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.planning import plan
 from sphere_nav_tools.cli.operate.words import Place, places_of
 
@@ -31,9 +28,7 @@ def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -
     """Name the place of the network that is closest to a point, keep it in the map, and return all places."""
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
-    network = network_of(made, taught)
-    named = network.with_place(name, routes.find_spot(network, x, y, None))
-    write_network(network_path(made), named)
+    named = routes.name_place(network_path(made), network_of(made, taught), name, x, y, None)
     return places_of(to_geojson(named, is_dense=False))
 
 
@@ -42,7 +37,5 @@ def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
     begin, end = routes.find_spot(network, *pose), routes.find_spot(network, *goal, None)
-    way, vehicle = plan(network, [begin], [end], cruise=CRUISE), VehicleParams()
-    file = folder / COURSE
-    write_course(file, make_course(network, way.legs, None, vehicle), network.map_id, vehicle.max_speed)
-    return file
+    routes.write_way(folder / COURSE, network, plan(network, [begin], [end], cruise=CRUISE))
+    return folder / COURSE

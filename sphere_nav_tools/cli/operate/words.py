@@ -146,28 +146,31 @@ def _row(title: str, state: str, reason: str, remedy: str, color: str = "") -> s
 
 def timeline(seen: Heard) -> str:
     """Return what the vehicle did in the last minutes as HTML, now at the right."""
-    now, parts, past = math.ceil(time.monotonic()), [], list(seen.past)
-    ends = [*(begin for begin, _, _ in past[1:]), now]
+    now, past = time.monotonic(), list(seen.past)
     status, age = seen.told("follower")
-    spans = [(begin, end, state, reason) for (begin, state, reason), end in zip(past, ends, strict=False)]
     if status is not None and age > SILENT_S:
-        spans.append((now - age, now, "UNKNOWN", "silent"))
-    for begin, end, state, reason in spans:
-        left, right = (max(0.0, 100.0 * (1.0 - (now - at) / PAST_S)) for at in (begin, end))
-        if right > 0.0:
-            text, told = escape(state), escape(f"{state} {reason}, {now - begin:.0f} s ago")
-            style = f"left:{left:.2f}%;width:{right - left:.2f}%;background:{COLORS.get(state, BAD)}"
-            text = text if right - left > 12.0 else ""
-            parts.append(f'<div style="{style};color:white;padding:5px 4px" title="{told}">{text}</div>')
+        past.append((now - age, "UNKNOWN", "silent"))
+    first = max(past[0][0], now - PAST_S) if past else now
+    parts = [f'<div style="flex:{PAST_S - (now - first):.1f}"></div>']
+    for (begin, state, reason), end in zip(past, [*(begin for begin, _, _ in past[1:]), now], strict=True):
+        if end > first:
+            told = escape(f"{state} {reason}, {now - begin:.0f} s ago")
+            style = f"flex:{end - max(begin, first):.1f};background:{COLORS.get(state, BAD)}"
+            parts.append(f'<div style="{style}" title="{told}">{escape(state)}</div>')
     ticks = f"<span>-{PAST_S / 60:.0f} min</span><span>now</span>"
     line = f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
     return f'<div class="sn-past"><div class="sn-bar">{"".join(parts)}</div>{line}</div>'
 
 
+def round_length(most: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that is not above a length."""
+    length = 10.0 ** math.floor(math.log10(max(most, 1e-3)))
+    return float(length * next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= max(most, 1e-3)))
+
+
 def scale_bar(metres_a_pixel: float, turn_deg: float, legend: str) -> str:
     """Return a bar of a round length, an arrow that points to y of the map, and a legend, as HTML."""
-    length = 10.0 ** math.floor(math.log10(max(120.0 * metres_a_pixel, 1e-3)))
-    length *= next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= 120.0 * metres_a_pixel)
+    length = round_length(120.0 * metres_a_pixel)
     arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn_deg:.0f})">'
     arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="currentColor"/></g></svg>'
     bar = f'<i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y'

@@ -14,62 +14,48 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.judge.residual import residual_image
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes
+from sphere_nav.localization.status import Status
 from sphere_nav.spheres.graph import Experience, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_rgb
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes, to_rgb
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli.gate import WebPage
-from sphere_nav_tools.cli.view.drive import Shot
+from sphere_nav_tools.cli.operate.words import round_length
 
-SIDE, BORDER = 300, 20  # px
-MIN_EXTENT_M, BARS_M = 10.0, (1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-COLORS = {
-    "paper": (250, 250, 247),
-    "way": (150, 150, 150),
-    "loops": (220, 120, 30),
-    "key": (40, 90, 160),
-    "camera": (200, 30, 30),
-}
+MIN_EXTENT_M, MARGIN = 10.0, 1.15  # of what the small map shows: at least; as many times the extent of the graph
+COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160), "camera": (200, 30, 30)}
 
 
 class Minimap:
-    """Draws a graph once, and a pose into a copy as often as it is asked; x of the map to the right, y up."""
+    """A graph as a picture (SVG), drawn once, and a pose in it; units are m of the map, x to the right, y up."""
 
     def __init__(self, graph: SphereGraph) -> None:
-        points = np.array([node.T_map_sphere.translation[:2] for node in graph])
-        self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        extent = max(float(np.ptp(points, axis=0).max()), MIN_EXTENT_M)
-        self._scale = (SIDE - 2 * BORDER) / extent
-        self._base: Bytes = np.full((SIDE, SIDE, 3), COLORS["paper"], np.uint8)
+        places = {node.id: node.T_map_sphere.translation[:2] for node in graph}
+        low, high = np.min([*places.values()], axis=0), np.max([*places.values()], axis=0)
+        side = MARGIN * max(float((high - low).max()), MIN_EXTENT_M)
+        (x, y), self._thin = 0.5 * (low + high) - 0.5 * side, 0.005 * side
+        bar = round_length(0.4 * side)
+        self._head = (
+            f'<svg viewBox="{x} {-y - side} {side} {side}" stroke-width="{self._thin}" style="background:white">'
+        )
+        self._head += f'<text x="{x}" y="{-y - 3 * self._thin}" font-size="{8 * self._thin}">{bar:g} m</text>'
+        self._head += f'<g transform="scale(1 -1)"><path d="M{x} {y}h{bar}" stroke="black"/>'
         for edge in graph.edges:
-            ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
-            cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
-        bar = next(length for length in BARS_M if length <= 0.4 * extent)
-        cv2.line(self._base, (BORDER, SIDE - 8), (BORDER + round(bar * self._scale), SIDE - 8), (0, 0, 0), 2)
-        told = (BORDER, SIDE - 14)
-        cv2.putText(self._base, f"{bar:g} m", told, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
-        for node in graph:
-            cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, COLORS["key"], -1, cv2.LINE_AA)
+            (a, b), (c, d) = places[edge.a], places[edge.b]
+            self._head += f'<path d="M{a} {b}L{c} {d}" stroke="rgb{COLORS["loops" if edge.is_loop else "way"]}"/>'
+        for a, b in places.values():
+            self._head += f'<circle cx="{a}" cy="{b}" r="{self._thin}" fill="rgb{COLORS["key"]}"/>'
 
-    def pixel(self, T_map_any: SE3) -> list[int]:
-        """Return the column and row of a pose."""
-        x, y = (T_map_any.translation[:2] - self._middle) * self._scale
-        return [round(float(0.5 * SIDE + x)), round(float(0.5 * SIDE - y))]
-
-    def draw(self, T_map_camera: SE3) -> Bytes:
-        """Return the picture (SIDE, SIDE, 3) with an arrow where a camera (z forward) looks."""
-        picture = self._base.copy()
-        u, v = self.pixel(T_map_camera)
-        ahead = T_map_camera.rotation[:2, 2]
-        length = float(np.linalg.norm(ahead))
-        du, dv = 14.0 * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
-        tip = (round(u + float(du)), round(v + float(dv)))
-        cv2.arrowedLine(picture, (u, v), tip, COLORS["camera"], 2, cv2.LINE_AA, tipLength=0.5)
-        cv2.circle(picture, (u, v), 4, COLORS["camera"], -1, cv2.LINE_AA)
-        return picture
+    def draw(self, T_map_camera: SE3) -> str:
+        """Return the picture with an arrow that points to where a camera (z forward) looks."""
+        (x, y), (dx, dy) = T_map_camera.translation[:2], T_map_camera.rotation[:2, 2]
+        move = f"translate({x} {y}) rotate({np.degrees(np.arctan2(dy, dx)):.1f}) scale({4 * self._thin})"
+        return f'{self._head}<path d="M3 0L-1 1.2L-1 -1.2Z" transform="{move}" fill="rgb{COLORS["camera"]}"/></g></svg>'
 
 
 MAX_SIDE, MOVING_SIDE = 800, 480  # px, of a view, and of one while the camera moves; the browser enlarges it
@@ -103,32 +89,33 @@ class Page(WebPage):
         self._drive: dict[str, Any] = {}
         self.server.on_client_connect(self._welcome)
 
-    def show(self, shot: Shot, camera: Camera) -> None:
+    def show(self, stamp_ns: int, image: Bytes, estimate: CameraEstimate, camera: Camera) -> None:
         """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
-        gui, handles = self.server.gui, self._drive
+        gui, handles, T_map_camera = self.server.gui, self._drive, estimate.T_map_camera
+        text, shot = describe(estimate.status, stamp_ns), to_rgb(image)
         if not handles:
             handles["pause"] = gui.add_checkbox("pause the drive", False)
             handles["ride"] = gui.add_checkbox("ride along", False)
-            handles["text"] = gui.add_markdown(shot.text)
-            handles["image"] = gui.add_image(shot.image, label="camera")
-            gray = np.full(shot.image.shape[:2], 128, np.uint8)
+            handles["text"] = gui.add_markdown(text)
+            handles["image"] = gui.add_image(shot, label="camera")
+            gray = np.full(image.shape[:2], 128, np.uint8)
             handles["residual"] = gui.add_image(to_rgb(gray), label="residual (grey: as the map)")
-        handles["text"].content = shot.text
-        handles["image"].image = shot.image
-        if shot.residual is not None:
-            handles["residual"].image = to_rgb(shot.residual)
-        if shot.T_map_camera is not None:
-            x, y, z, w = shot.T_map_camera.quaternion
+        handles["text"].content, handles["image"].image = text, shot
+        if estimate.candidate is not None:
+            residual = residual_image(to_gray_bytes(image), camera, estimate.candidate)
+            handles["residual"].image = to_rgb(residual)
+        if T_map_camera is not None:
+            x, y, z, w = T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
                 "/drive",
                 **drawn_lens(camera),
                 scale=0.3,
                 color=COLORS["camera"],
                 wxyz=(w, x, y, z),
-                position=shot.T_map_camera.translation,
+                position=T_map_camera.translation,
             )
             for client in self.server.get_clients().values() if handles["ride"].value else ():
-                put(client, shot.T_map_camera)
+                put(client, T_map_camera)
         while handles["pause"].value and not self.closed.wait(FLIGHT_STEP_S):
             pass
 
@@ -172,13 +159,13 @@ class Page(WebPage):
         look.visible = len(looks) > 2
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
-        minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
+        minimap = client.gui.add_html(self._minimap.draw(browser_pose(client.camera)))
         client.gui.add_button("back to the start").on_click(lambda _: self.fly(client, self._start))
         shot = client.gui.add_button("screenshot")
 
         def draw(is_still: bool) -> bool:
             T = browser_pose(client.camera)
-            minimap.image = self._minimap.draw(T)
+            minimap.content = self._minimap.draw(T)
             if not has_pictures.value:
                 client.scene.set_background_image(None)
                 return True
@@ -224,6 +211,12 @@ class Page(WebPage):
                 is_whole = False
             elif not is_whole:
                 is_whole = draw(True)  # else what is on its way will be there
+
+
+def describe(status: Status, stamp_ns: int) -> str:
+    """Return state, reason and quality, in words."""
+    words = [f"**{status.state}**", status.reason, f"{stamp_ns / 1e9:.2f} s", f"quality {status.quality:.2f}"]
+    return " · ".join(word for word in words if word)
 
 
 def put(client: Any, T_map_camera: SE3) -> None:

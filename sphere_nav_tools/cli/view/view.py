@@ -5,20 +5,32 @@ from __future__ import annotations
 import argparse
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.view.drive import Drive
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, encoded, shown
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_ending, check_free, numbers_of, size_of
+from sphere_nav_tools.offline.recorded_camera import RecordedCamera
+from sphere_nav_tools.offline.settings import (
+    add_overwrite,
+    add_settings,
+    check_ending,
+    check_free,
+    numbers,
+    read_positive,
+    read_size,
+)
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
@@ -42,12 +54,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("map", type=Path, metavar="MAP", help="map made by `sphere_nav map`")
     gate.add_options(parser, port=8080)
-    parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="of key spheres kept (%(default)g)")
-    parser.add_argument("--pose", metavar="x,y,z,yaw[,pitch,roll]", help="where to begin, m and degrees")
+    parser.add_argument(
+        "--memory", type=read_positive, default=500.0, metavar="MB", help="of kept spheres (%(default)g)"
+    )
+    expected = "x,y,z,yaw[,pitch,roll]"
+    parser.add_argument("--pose", type=numbers(expected, 4, 6), metavar=expected, help="where to begin, m and degrees")
     parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
     parser.add_argument("--experience", metavar="NAME", help="begin with this look of the map, as map-info names it")
     parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")
-    parser.add_argument("--size", default="800x600", metavar="WxH", help="of the screenshot (%(default)s)")
+    parser.add_argument("--size", type=read_size, default="800x600", metavar="WxH", help="of that view (%(default)s)")
     parser.add_argument("--fov", type=float, default=75.0, metavar="DEG", help="its width (%(default)g)")
     add_overwrite(parser)
     parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
@@ -57,8 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write one view, or serve until interrupted."""
-    if arguments.memory <= 0:
-        raise ValueError(f"--memory: expected megabytes above 0, found {arguments.memory:g}")
     with open_map(arguments.map) as reader:
         start = first_pose(reader, arguments)
         scene = Scene(reader, arguments.memory)
@@ -78,9 +91,8 @@ def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
     if not arguments.pose:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
-    numbers = numbers_of(arguments.pose, "--pose", "x,y,z,yaw[,pitch,roll]", 4, 6)
-    yaw, pitch, roll = np.radians([*numbers[3:], 0.0, 0.0][:3])
-    return SE3.from_angles(roll, pitch, yaw, numbers[:3]) @ T_BODY_OPTICAL
+    yaw, pitch, roll = np.radians([*arguments.pose[3:], 0.0, 0.0][:3])
+    return SE3.from_angles(roll, pitch, yaw, arguments.pose[:3]) @ T_BODY_OPTICAL
 
 
 def find_experience(scene: Scene, name: str | None) -> Experience | None:
@@ -93,9 +105,9 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
     return known[name]
 
 
-def camera_for(size: str, fov_deg: float) -> Pinhole:
-    """Return a pinhole camera of a size `WxH` and a horizontal field of view; ValueError for others."""
-    width, height = size_of(size, "--size")
+def camera_for(size: tuple[int, int], fov_deg: float) -> Pinhole:
+    """Return a pinhole camera of a size and a horizontal field of view; ValueError for others."""
+    width, height = size
     if not 1.0 <= fov_deg <= 150.0:
         raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")
     focal = 0.5 * width / np.tan(0.5 * np.radians(fov_deg))
@@ -110,7 +122,7 @@ def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -
     experience = find_experience(scene, arguments.experience)
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
-    print(f"{output}: {arguments.size}, {100 * view.is_known.mean():.1f} % seen")
+    print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")
     return 0
 
 
@@ -118,25 +130,26 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     """Show the page until interrupted; with a drive, localise and show it."""
     gate.import_viser("view")
     token = gate.token_for(arguments.token)
-    drive = Drive(arguments, reader) if arguments.bag else None
+    recorded = RecordedCamera(arguments.bag, arguments) if arguments.bag else None
     shown_first = find_experience(scene, arguments.experience)
     page = Page(reader.graph, scene, start, shown_first, place=(arguments.host, arguments.port), token=token)
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     try:
-        if drive is not None:
-            replay_drive(drive, page)
+        if recorded is not None:
+            params = build(LocalizerParams, recorded.patience | arguments.settings)
+            localizer = Localizer(params, reader)
+            with closing(localizer.references):
+                replay_drive(recorded, localizer, page)
         threading.Event().wait()
     finally:
         page.close()
-        if drive is not None:
-            drive.close()
     return 0
 
 
-def replay_drive(drive: Drive, page: Page) -> None:
+def replay_drive(recorded: RecordedCamera, localizer: Localizer, page: Page) -> None:
     """Show a drive at its own pace, or as fast as it can be localised."""
     begin, first_ns = time.monotonic(), 0
-    for shot in drive.shots():
-        first_ns = first_ns or shot.stamp_ns
-        time.sleep(max(0.0, 1e-9 * (shot.stamp_ns - first_ns) - (time.monotonic() - begin)))
-        page.show(shot, drive.camera)
+    for stamp_ns, image, estimate in recorded.localized(localizer, recorded.camera):
+        first_ns = first_ns or stamp_ns
+        time.sleep(max(0.0, 1e-9 * (stamp_ns - first_ns) - (time.monotonic() - begin)))
+        page.show(stamp_ns, image, estimate, recorded.camera)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.trajectory import associate
@@ -17,6 +19,7 @@ from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_im
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
 VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v"}
+
 SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "seven_scenes": (("frame-*.depth.png",),),
     "tum": (("rgb.txt",), ("img_curr*.png", "img_prev*.png")),
@@ -43,42 +46,44 @@ def guess_format(folder: Path) -> str:
     return ""
 
 
-def describe_folder(folder: Path) -> str:
-    """Return in words what a folder is, or holds where that is not known."""
-    if not folder.is_dir():
-        return ""
-    if name := guess_format(folder):
-        return f"the folder looks like {name}"
-    below = sorted(path for path in folder.iterdir() if path.is_dir())
-    for path in below:
-        if name := guess_format(path):
-            return f"{path} looks like {name}"
-    if any(path.suffix.lower() in IMAGES | VIDEOS for place in (folder, *below) for path in place.iterdir()):
-        return "it has images"
-    found = ", ".join(path.name for path in sorted(folder.iterdir())[:5]) or "nothing"
-    return f"the folder holds {found}"
-
-
 UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
 
 
 class Folder:
-    """Image files in the order of the last number in their names; names that are times since 1970 are stamps."""
+    """Image files: those of a folder in the order of the last number in their names, or those that are listed.
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.hz = path, float("nan")
-        self.files = sorted(filter(is_image, path.iterdir()), key=_order)
+    Names that are times since 1970 are stamps; a list tells them.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        listed: Sequence[tuple[int, Path]] = (),
+        read: Callable[[Path], NDArray[Any]] = read_image,
+        *,
+        is_stamped: bool = False,
+    ) -> None:
+        """`read`: of a file; `is_stamped`: whether names must be stamps."""
+        self.path, self.hz, self._read = path, float("nan"), read
+        self.files = [file for _, file in listed] or sorted(filter(is_image, path.iterdir()), key=_order)
         if not self.files:
             raise ValueError(f"{path}: expected images or videos, found none")
         self.number = len(self.files)
-        stamps = [stamp_of(file.stem) for file in self.files]
+        stamps: list[int | None] = [stamp for stamp, _ in listed]
+        stamps = stamps or [stamp_of(file.stem) for file in self.files]
         self.stamps = [stamp for stamp in stamps if stamp is not None] if None not in stamps else None
+        if self.stamps is None and is_stamped:
+            raise ValueError(f"{path}: expected images named by their stamps, found others")
         if self.stamps is not None and any(np.diff(self.stamps) <= 0):
             raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
 
-    def read(self, index: int) -> Bytes:
-        """Return an image (h, w) grey or (h, w, 3) BGR."""
-        return read_image(self.files[index])
+    def where(self, index: int) -> Path | str:
+        """Return what an image is called in errors."""
+        return self.files[index]
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return an image (h, w) grey or (h, w, 3) BGR, or what the reader makes of it."""
+        return self._read(self.files[index])
 
 
 class Video:
@@ -92,6 +97,10 @@ class Video:
             raise ValueError(f"{path}: expected a video, found a file that cannot be read as one")
         self.hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or float("nan")
         self._next = 0
+
+    def where(self, index: int) -> Path | str:
+        """Return what an image is called in errors."""
+        return f"{self.path}: image {index}"
 
     def read(self, index: int) -> Bytes:
         """Return an image (h, w, 3) BGR; indices may only rise."""
@@ -122,16 +131,19 @@ def open_frames(folder: Path, name: str) -> Frames:
     return Video(videos[0])
 
 
-def instants_of(cameras: dict[str, Frames], hz: float | None) -> list[dict[str, tuple[int, int]]]:
+def instants_of(
+    cameras: Mapping[str, Frames], hz: float | None = None, max_gap_ns: int = 0
+) -> list[dict[str, tuple[int, int]]]:
     """Return by instant and camera the number of the image and its stamp in ns.
 
     With stamps, each image belongs to the image of the first camera that is nearest in time; a camera may lack one.
-    Without, images of one number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
+    With `max_gap_ns` each must have one within it, and all have the stamp of the first. Without stamps, images of one
+    number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
     """
     first = next(iter(cameras))
     stamped = {name: frames.stamps for name, frames in cameras.items() if frames.stamps is not None}
     if len(stamped) == len(cameras):
-        return _by_stamp(stamped, first)
+        return _by_stamp(stamped, first, max_gap_ns)
     for name, frames in cameras.items():
         if frames.number != cameras[first].number:
             number = cameras[first].number
@@ -156,14 +168,18 @@ def stamp_of(stem: str) -> int | None:
     return None
 
 
-def _by_stamp(stamped: dict[str, list[int]], first: str) -> list[dict[str, tuple[int, int]]]:
+def _by_stamp(stamped: dict[str, list[int]], first: str, max_gap_ns: int) -> list[dict[str, tuple[int, int]]]:
     reference = np.array(stamped[first], dtype=np.int64)
     near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
+    gap_ns = max_gap_ns or math.ceil(near_ns) - 1
     instants: list[dict[str, tuple[int, int]]] = [{first: (i, int(stamp))} for i, stamp in enumerate(reference)]
     for name, stamps in stamped.items():
-        for at, index in zip(*associate(reference, np.array(stamps, np.int64), math.ceil(near_ns) - 1), strict=True):
-            instants[at][name] = (int(index), stamps[index])
-    return instants
+        for at, index in zip(*associate(reference, np.array(stamps, np.int64), gap_ns), strict=True):
+            instants[at][name] = (int(index), int(reference[at]) if max_gap_ns else stamps[index])
+    whole = [instant for instant in instants if not max_gap_ns or len(instant) == len(stamped)]
+    if not whole:
+        raise ValueError(f"expected {' and '.join(stamped)} within {max_gap_ns} ns, found none")
+    return whole
 
 
 def _order(file: Path) -> tuple[Any, ...]:

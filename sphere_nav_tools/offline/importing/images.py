@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -31,15 +31,15 @@ from sphere_nav_tools.offline.importing.recording import (
     SIDES,
     Instant,
     Recording,
-    Shot,
     View,
     pair_views,
     require_folder,
+    require_size,
 )
 from sphere_nav_tools.offline.importing.spherical import sphere_recording
+from sphere_nav_tools.offline.pose_bags import BAG_SUFFIXES
 from sphere_nav_tools.offline.topic_finder import ALONE
 
-BAGS = (".mcap", ".db3", ".bag", "metadata.yaml")
 RIG_FRAME = "rig_link"
 LEVELS = ("top", "bottom")
 OPTIONS = "--rig, --camera (one camera, with --baseline a rectified pair), --panorama or --baseline"
@@ -58,10 +58,6 @@ def open_images(
 
     Panoramas with a baseline are top and bottom; without, `is_panorama`, they are of one camera, to localise with.
     """
-    if baseline_m is not None and not baseline_m > 0:
-        raise ValueError(f"--baseline: expected a positive length in m, found {baseline_m}")
-    if hz is not None and not hz > 0:
-        raise ValueError(f"--fps: expected a positive number, found {hz}")
     if not folder.is_file():
         require_folder(folder)
     if is_panorama and not (rig or lens or baseline_m):
@@ -86,40 +82,36 @@ def open_images(
 
 def how_to_import(path: Path) -> list[str]:
     """Return what a video, or a folder that is a data set or has images, is, and the command for it; else nothing."""
-    if any(file.name.endswith(BAGS) for file in path.glob("*")):
+    if any(file.name.endswith((*BAG_SUFFIXES, "metadata.yaml")) for file in path.glob("*")):
         return []
-    words = f"sphere_nav import {{}} {shlex.quote(str(path))} -o {shlex.quote(path.stem)}_bag"
-    if kind := path.is_dir() and guess_format(path):
-        return [f"{path}: a data set, {kind}; as a bag:", f"  {words.format(kind)}"]
+    kind = guess_format(path) if path.is_dir() else ""
+    words = f"  sphere_nav import {kind or 'images'} {shlex.quote(str(path))} -o {shlex.quote(path.stem)}_bag"
+    if kind:
+        return [f"{path}: a data set, {kind}; as a bag:", words]
     if path.suffix.lower() not in VIDEOS and not (path.is_dir() and any(map(is_image, path.iterdir()))):
         return []
     frames, height, width = _sized(path)
     what = f"{path}: {frames.number} images of {width} x {height}; as a bag, to localise with:"
     if width == 2 * height:
-        return [what, f"  {words.format('images')} --panorama", ALONE]
-    lens = f"--camera {width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}"
-    guess = "  or with fx,fy,cx,cy of your lens in px (here: a guess by the size), K1,K2,P1,P2 behind them"
-    return [
-        what,
-        f"  {words.format('images')} --rig rig.yaml    (sphere_nav calibrate)",
-        f"  {words.format('images')} {lens}",
-        guess,
-        ALONE,
-    ]
+        return [what, f"{words} --panorama", ALONE]
+    lens = f"{words} --camera {width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}"
+    guess = (
+        "  with fx,fy,cx,cy of your lens in px (here: a guess by the size), or --rig rig.yaml (sphere_nav calibrate)"
+    )
+    return [what, lens, guess, ALONE]
 
 
 def camera_recording(
-    cameras: dict[str, Frames], views: dict[str, View], hz: float | None, link: str = CAMERA_FRAME
+    cameras: Mapping[str, Frames],
+    views: Mapping[str, View],
+    hz: float | None = None,
+    link: str = CAMERA_FRAME,
+    max_gap_ns: int = 0,
 ) -> Recording:
-    """Return the images of cameras, each with its own stamp; the first of an instant is that of the instant."""
-    instants = []
-    for images in instants_of(cameras, hz):
-        shots = {
-            name: Shot(f"{cameras[name].path}: image {number}", partial(cameras[name].read, number), stamp)
-            for name, (number, stamp) in images.items()
-        }
-        instants.append(Instant(min(shot.stamp_ns for shot in shots.values()), shots))
-    return Recording(views, instants, link=link)
+    """Return the images of cameras, as of `instants_of`; the first of an instant is that of the instant."""
+    found = instants_of(cameras, hz, max_gap_ns)
+    instants = [Instant(min(stamp for _, stamp in images.values()), images) for images in found]
+    return Recording(cameras, views, instants, link=link)
 
 
 def rig_views(rig: Rig, *, is_told: bool) -> dict[str, View]:
@@ -134,14 +126,14 @@ def rig_views(rig: Rig, *, is_told: bool) -> dict[str, View]:
 
 def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
     """Return images of a rig, whose file tells the cameras; of one camera or of left and right the bag tells them."""
-    if len(rig.cameras) == 1:
-        part = rig.cameras[0]
-        views = {part.name: View("", OPTICAL_FRAME, part.camera, part.T_rig_camera)}
-        return camera_recording({part.name: open_frames(folder, "")}, views, hz)
-    cameras = {name: open_frames(folder, name) for name in rig.names}
-    if rig.names != SIDES:
+    is_lone = len(rig.cameras) == 1
+    cameras = {name: open_frames(folder, "" if is_lone else name) for name in rig.names}
+    if not is_lone and rig.names != SIDES:
         return camera_recording(cameras, rig_views(rig, is_told=False), hz, RIG_FRAME)
-    views = {p.name: View(f"{p.name}/", f"{p.name}_optical", p.camera, p.T_rig_camera) for p in rig.cameras}
+    views = {}
+    for part in rig.cameras:
+        prefix, frame = ("", OPTICAL_FRAME) if is_lone else (f"{part.name}/", f"{part.name}_optical")
+        views[part.name] = View(prefix, frame, part.camera, part.T_rig_camera)
     return camera_recording(cameras, views, hz)
 
 
@@ -167,8 +159,7 @@ def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:
 
     def sphere(index: int, stamp: int) -> Sphere:
         pair = [_read_panorama(cameras[level], instants[index][level][0]) for level in LEVELS]
-        if pair[0].shape != pair[1].shape:
-            raise ValueError(f"{cameras['bottom'].path}: expected the size of top, found another")
+        require_size(cameras["bottom"].path, pair[1], Spherical(pair[0].shape[1], pair[0].shape[0]))
         return match_panoramas(pair[0], pair[1], baseline_m, stamp, is_first=index == 0)
 
     return sphere_recording([part["top"][1] for part in instants], sphere)
@@ -189,7 +180,7 @@ def match_panoramas(top: Bytes, bottom: Bytes, baseline_m: float, stamp: int, *,
 
 def _read_panorama(frames: Frames, number: int) -> Bytes:
     image = frames.read(number)
-    check_panorama(f"{frames.path}: image {number}", image.shape[1], image.shape[0])
+    check_panorama(frames.where(number), image.shape[1], image.shape[0])
     return image
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from io import StringIO
 from pathlib import Path
 
 import cv2
@@ -20,12 +19,20 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import printable, read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
-from sphere_nav_tools.offline.importing.frames import Folder, stamp_of
+from sphere_nav_tools.offline.importing.frames import Folder
 from sphere_nav_tools.offline.importing.images import RIG_FRAME, camera_recording, rig_views
-from sphere_nav_tools.offline.importing.recording import Recording, poses_at, require_folder, trajectory
+from sphere_nav_tools.offline.importing.recording import (
+    Recording,
+    poses_at,
+    read_image,
+    read_numbers,
+    require_folder,
+    trajectory,
+    with_truth,
+)
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
 # What the set's own projection of its clouds into its images has: x, y, z in m; roll, pitch, heading in deg
@@ -34,20 +41,19 @@ DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose a
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
+MAX_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
-MAX_TABLE_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 
 
-class Undistorted(Folder):
-    """The images of a camera, taken to what a pinhole sees; maps (H, W): where column and row are in the image."""
+class Undistortion:
+    """What takes the images of a camera to what a pinhole sees; maps (H, W): where column and row are in the image."""
 
-    def __init__(self, path: Path, columns: Floats, rows: Floats) -> None:
-        super().__init__(path)
+    def __init__(self, columns: Floats, rows: Floats) -> None:
         self.columns, self.rows = columns, rows
 
-    def read(self, index: int) -> Bytes:
+    def read(self, path: Path) -> Bytes:
         """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
-        return np.asarray(cv2.remap(super().read(index), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
+        return np.asarray(cv2.remap(read_image(path), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
 
     def mask(self) -> Bytes:
         """Return 255 (H, W) where the lens sees, 0 elsewhere."""
@@ -58,46 +64,44 @@ class Undistorted(Folder):
 
 def open_nclt(folder: Path) -> Recording:
     """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
-    images, cameras, parts = require_folder(require_folder(folder) / "lb3"), dict[str, Undistorted](), []
+    images, parts = require_folder(require_folder(folder) / "lb3"), []
+    cameras, lenses = dict[str, Folder](), dict[str, Undistortion]()
     for name in CAMERAS:
         if not (images / name).is_dir():
             continue
         number = name.removeprefix("Cam")
-        K = _table(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
-        pose = _table(_calibration(folder, f"x_lb3_c{number}.csv"), 1, 6)[0]
+        K = read_numbers(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
+        pose = read_numbers(_calibration(folder, f"x_lb3_c{number}.csv"), 6, 1)[0]
         columns, rows = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
-        cameras[name.lower()] = Undistorted(images / name, columns, rows)
-        if any(stamp_of(file.stem) is None for file in cameras[name.lower()].files):
-            raise ValueError(f"{images / name}: expected images named by their stamps in us, found others")
+        lenses[name.lower()] = Undistortion(columns, rows)
+        cameras[name.lower()] = Folder(images / name, read=lenses[name.lower()].read, is_stamped=True)
         lens = Pinhole(rows.shape[1], rows.shape[0], K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)
         parts.append(RigCamera(name.lower(), lens, T_base_camera))
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
-    seen = camera_recording(dict(cameras), rig_views(rig, is_told=True), None, RIG_FRAME)
-    poses = poses_at(
-        None if path is None else read_ground_truth(path), [i.stamp_ns for i in seen.instants], MAX_TRUTH_GAP_NS
-    )
+    seen = camera_recording(cameras, rig_views(rig, is_told=True), link=RIG_FRAME)
+    truth = None if path is None else read_ground_truth(path)
+    seen = with_truth(seen, "groundtruth_*.csv", poses_at(truth, seen, MAX_TRUTH_GAP_NS))
     instants = []
-    for instant, T_map_base in zip(seen.instants, poses, strict=True):
+    for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
         others = {"points": partial(_read_points, cloud, instant.stamp_ns)} if cloud.is_file() else {}
-        instants.append(replace(instant, T_map_link=T_map_base, others=others))
-    write = partial(_write_rig, rig, cameras)
-    return replace(seen, instants=instants, truth="groundtruth_*.csv", is_truth_of_base=True, write_beside=write)
+        instants.append(replace(instant, others=others))
+    return replace(seen, instants=instants, is_truth_of_base=True, write_beside=partial(_write_rig, rig, lenses))
 
 
 def _read_points(path: Path, stamp: int) -> PointCloud2:
     return cloud_to_message(T_BASE_BODY.apply(read_velodyne(path)), stamp, RIG_FRAME)
 
 
-def _write_rig(rig: Rig, cameras: dict[str, Undistorted], folder: Path) -> None:
+def _write_rig(rig: Rig, lenses: dict[str, Undistortion], folder: Path) -> None:
     """Write rig.yaml, and beside it masks of what the undistorted images show."""
     parts = []
     for part in rig.cameras:
         mask = folder / f"mask_{part.name}.png"
-        cv2.imwrite(str(mask), cameras[part.name].mask())
+        cv2.imwrite(str(mask), lenses[part.name].mask())
         parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
     write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
 
@@ -112,7 +116,7 @@ def read_undistortion(path: Path) -> tuple[Floats, Floats]:
 
     A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.
     """
-    table = _table(path, None, 4, skip=1, separator=None)
+    table = read_numbers(path, 4, skip=1, max_bytes=MAX_BYTES)
     height, width = (int(value) + 1 for value in table[:, :2].max(axis=0))
     if height * width != len(table) or not np.array_equal(np.argwhere(np.ones((height, width))), table[:, :2]):
         raise ValueError(
@@ -132,22 +136,9 @@ def read_velodyne(path: Path) -> Array:
 
 def read_ground_truth(path: Path) -> Trajectory:
     """Return where base_link was, in a world with z up; rows without a pose (NaN) are left out."""
-    table = _table(path, None, 7)
+    table = read_numbers(path, 7, may_lack=True, max_bytes=MAX_BYTES)
     table = table[np.isfinite(table).all(axis=1)]
     return trajectory(table[:, 0].astype(np.int64) * 1000, T_BASE_BODY @ pose_of(table[:, 1:]) @ T_BASE_BODY, path)
-
-
-def _table(path: Path, count: int | None, width: int, *, skip: int = 0, separator: str | None = ",") -> Array:
-    """Return the numbers (count, width) of a file; it may have millions of lines."""
-    text = read_text(path, "table of NCLT", MAX_TABLE_BYTES)
-    try:
-        table = np.loadtxt(StringIO(text), delimiter=separator, skiprows=skip, ndmin=2)
-    except ValueError as error:
-        raise ValueError(f"{path}: expected numbers, found others: {printable(str(error))[:100]}") from None
-    if table.shape[1:] != (width,) or table.shape[0] != (count or table.shape[0]) or not len(table):
-        found = f"{table.shape[0]} x {table.shape[1]}"
-        raise ValueError(f"{path}: expected {count or 'N'} x {width} numbers, found {found}")
-    return np.asarray(table, np.float64)
 
 
 def _find(folder: Path, name: str) -> Path | None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -16,8 +16,17 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, read_text, short, told_at
-from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory, associate
+from sphere_nav.geometry.files.untrusted import (
+    MAX_TABLE_BYTES,
+    number,
+    numbers,
+    printable,
+    read_text,
+    required,
+    short,
+    told_at,
+)
+from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
@@ -28,7 +37,10 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.pose_bags import trajectory_of
+
+if TYPE_CHECKING:
+    from sphere_nav_tools.offline.importing.frames import Frames
 
 FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
@@ -51,20 +63,15 @@ class View:
 
 
 @dataclass(frozen=True)
-class Shot:
-    """An image that is read when it is needed; `where` names it in errors."""
-
-    where: Path | str
-    read: Callable[[], NDArray[Any]]
-    stamp_ns: int
-
-
-@dataclass(frozen=True)
 class Instant:
-    """What was recorded at one time: images by camera, the true pose where it is known, other messages by topic."""
+    """What was recorded at one time.
+
+    By camera the number of its image and that one's own stamp in ns; the true pose where it is known; other messages by
+    topic.
+    """
 
     stamp_ns: int
-    images: Mapping[str, Shot] = field(default_factory=dict)
+    images: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     T_map_link: SE3 | None = None
     others: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
 
@@ -77,6 +84,7 @@ class Recording:
     `write_beside` writes files that belong into the bag's folder.
     """
 
+    cameras: Mapping[str, Frames]
     views: Mapping[str, View]
     instants: Sequence[Instant]
     truth: str = ""
@@ -108,18 +116,19 @@ class Recording:
                 yield "ground_truth/pose", se3_to_pose_stamped(pose, stamp, MAP_FRAME)
         for topic, make in instant.others.items():
             yield topic, make()
-        shots = [(self.views[name], shot) for name, shot in instant.images.items()]
-        for view, shot in shots:
+        for name, (_, stamp) in instant.images.items():
+            view = self.views[name]
             if isinstance(view.camera, Spherical):
                 yield f"{view.prefix}sphere_info", camera_to_sphere_info(view.camera, view.frame_id)
             elif view.is_told:
-                info = camera_to_info(view.camera, shot.stamp_ns, view.frame_id, baseline=view.baseline_m)
+                info = camera_to_info(view.camera, stamp, view.frame_id, baseline=view.baseline_m)
                 yield f"{view.prefix}camera_info", info
-        for view, shot in shots:
-            pixels = shot.read()
-            require_size(shot.where, pixels, view.camera)
+        for name, (at, stamp) in instant.images.items():
+            view, frames = self.views[name], self.cameras[name]
+            pixels = frames.read(at)
+            require_size(frames.where(at), pixels, view.camera)
             encoding = "32FC1" if pixels.dtype == np.float32 else "bgr8" if pixels.ndim == 3 else "mono8"
-            yield f"{view.prefix}image_raw", array_to_image(pixels, shot.stamp_ns, view.frame_id, encoding)
+            yield f"{view.prefix}image_raw", array_to_image(pixels, stamp, view.frame_id, encoding)
 
 
 def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float = 0.0) -> dict[str, View]:
@@ -131,36 +140,21 @@ def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float
     }
 
 
-def file_instants(
-    files: Sequence[tuple[int, Mapping[str, Path]]], poses: Sequence[SE3 | None], **readers: Callable[[Path], Any]
-) -> list[Instant]:
-    """Return instants of a stamp and the file of each camera, read as images or by the reader of the camera."""
-    return [
-        Instant(stamp, {n: Shot(f, partial(readers.get(n, read_image), f), stamp) for n, f in paths.items()}, pose)
-        for (stamp, paths), pose in zip(files, poses, strict=True)
-    ]
+def with_truth(recording: Recording, truth: str, poses: Sequence[SE3 | None]) -> Recording:
+    """Return the recording with the true poses of its instants; `truth`: where they come from."""
+    pairs = zip(recording.instants, poses, strict=True)
+    return replace(recording, instants=[replace(one, T_map_link=pose) for one, pose in pairs], truth=truth)
 
 
-def pair_up(
-    where: Path, names: Sequence[str], first: Sequence[tuple[int, Path]], second: Sequence[tuple[int, Path]]
-) -> list[tuple[int, dict[str, Path]]]:
-    """Return each file of the first camera with that of the second that is nearest in time, where that is near."""
-    ours, theirs = (np.array([stamp for stamp, _ in files], dtype=np.int64) for files in (first, second))
-    pairs = zip(*associate(ours, theirs, MAX_PAIR_GAP_NS), strict=True)
-    files = [(first[i][0], dict(zip(names, (first[i][1], second[j][1]), strict=True))) for i, j in pairs]
-    if not files:
-        raise ValueError(f"{where}: expected {' and '.join(names)} within {MAX_PAIR_GAP_NS} ns, found none")
-    return files
-
-
-def bodies_at(truth: Trajectory | None, stamps: Sequence[int], max_gap_ns: int) -> list[SE3 | None]:
+def bodies_at(truth: Trajectory | None, recording: Recording, max_gap_ns: int) -> list[SE3 | None]:
     """Return where the body of a camera was, by the poses of its optical frame in a world with z up."""
-    found = poses_at(truth, stamps, max_gap_ns)
+    found = poses_at(truth, recording, max_gap_ns)
     return [None if pose is None else pose @ T_BODY_OPTICAL.inverse() for pose in found]
 
 
-def poses_at(truth: Trajectory | None, stamps: Sequence[int], max_gap_ns: int) -> list[SE3 | None]:
-    """Return the poses between the rows around each stamp; None where there is no truth, or none so near."""
+def poses_at(truth: Trajectory | None, recording: Recording, max_gap_ns: int) -> list[SE3 | None]:
+    """Return the poses between the rows around each instant; None where there is no truth, or none so near."""
+    stamps = [instant.stamp_ns for instant in recording.instants]
     if truth is None:
         return [None] * len(stamps)
     found, known = truth.at(stamps, max_gap_ns=max_gap_ns)
@@ -221,13 +215,30 @@ def read_words(path: Path, least: int = 1) -> list[tuple[str, list[str]]]:
     return rows
 
 
-def read_numbers(path: Path, columns: int) -> Array:
-    """Return the table (N, columns) of a text file; `#` begins a comment."""
-    rows = read_words(path)
-    for where, words in rows:
-        if len(words) != columns:
-            raise ValueError(f"{where}: expected {columns} numbers, found {len(words)}")
-    return np.array([[number(word, where) for word in words] for where, words in rows])
+def read_numbers(
+    path: Path,
+    columns: int,
+    rows: int | None = None,
+    *,
+    skip: int = 0,
+    may_lack: bool = False,
+    max_bytes: int = MAX_TABLE_BYTES,
+) -> Array:
+    """Return the table (rows, columns) of a text file, which may have millions of lines; `#` begins a comment.
+
+    skip: lines of a head; may_lack: some numbers may be NaN.
+    """
+    text = read_text(path, "table", max_bytes).replace(",", " ")
+    try:
+        table = np.asarray(np.loadtxt(StringIO(text), skiprows=skip, ndmin=2), np.float64)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected numbers, found others: {printable(str(error))[:100]}") from None
+    if not table.size or table.shape != (rows or len(table), columns):
+        found = f"{table.shape[0]} x {table.shape[1]}" if table.size else "an empty file"
+        raise ValueError(f"{path}: expected {rows or 'N'} x {columns} numbers, found {found}")
+    if not may_lack and not np.isfinite(table).all():
+        raise ValueError(f"{path}: expected finite numbers, found others")
+    return table
 
 
 def read_stamped(path: Path, count: int) -> Iterator[tuple[int, list[float]]]:
@@ -245,10 +256,7 @@ def whole(word: str, where: str) -> int:
 
 def read_pose(path: Path) -> SE3:
     """Return a pose from a file with a 4 x 4 matrix."""
-    table = read_numbers(path, 4)
-    if table.shape != (4, 4):
-        raise ValueError(f"{path}: expected 4 x 4 numbers, found {table.shape[0]} x {table.shape[1]}")
-    return pose_of_matrix(table, path)
+    return pose_of_matrix(read_numbers(path, 4, 4), path)
 
 
 def pose_of_matrix(values: Any, where: Path) -> SE3:
@@ -268,9 +276,13 @@ def trajectory(stamps: Any, poses: SE3 | Sequence[SE3], path: Path) -> Trajector
     """Return true poses by their stamps in ns; ValueError in one line where there are none or they do not rise."""
     if not len(stamps):
         raise ValueError(f"{path}: expected true poses, found none")
-    matrices = poses if isinstance(poses, SE3) else SE3(np.stack([pose.matrix for pose in poses]))
     with told_at(path):
-        return Trajectory(np.array(stamps, dtype=np.int64), matrices)
+        return Trajectory(stamps, poses) if isinstance(poses, SE3) else trajectory_of(stamps, poses)
+
+
+def matrix_data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
+    """Return the numbers of an OpenCV matrix."""
+    return numbers(required(found, where, ["data"])["data"], where, count)
 
 
 def require_folder(path: Path) -> Path:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ from sphere_mapping.acquisition.partial.depth_registration import DepthRegistrat
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Floats
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import number, numbers, parse_stamp_ns, required
+from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.importing.frames import Folder
+from sphere_nav_tools.offline.importing.images import camera_recording
 from sphere_nav_tools.offline.importing.recording import (
     FIRST_STAMP_NS,
     OPTICAL_FRAME,
@@ -21,8 +24,7 @@ from sphere_nav_tools.offline.importing.recording import (
     View,
     ahead_up,
     bodies_at,
-    file_instants,
-    pair_up,
+    matrix_data,
     pose_of_matrix,
     pose_of_row,
     read_meters,
@@ -32,14 +34,13 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
     require_size,
     whole,
+    with_truth,
 )
 
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
 ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
-NAMES = ("color", "depth")
-
-Files = list[tuple[int, dict[str, Path]]]  # stamp, and the file of each camera
+Listed = list[tuple[int, Path]]  # stamps and files
 
 
 def open_seven_scenes(
@@ -58,17 +59,19 @@ def open_seven_scenes(
     if not depths:
         raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
     T_depth_color = depth_camera[1].inverse() if is_truth_of_depth else SE3.identity()
-    files, true_poses = Files(), []
+    colors, stamped, true_poses = Listed(), Listed(), []
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
         stamp = FIRST_STAMP_NS + round(whole(name.removeprefix("frame-"), str(depth)) * 1e9 / KINECT_HZ)
         color = next((path for end in ("png", "jpg") if (path := folder / f"{name}.color.{end}").is_file()), None)
         if color is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
-        files.append((stamp, {"color": color, "depth": depth}))
+        colors.append((stamp, color))
+        stamped.append((stamp, depth))
         true_poses.append(ahead_up(read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color))
     register = DepthRegistration(depth_camera[0], camera, depth_camera[1])
-    return _rgbd(files, true_poses, camera, 1000.0, "frame-*.pose.txt", register=register)
+    recording = _rgbd(folder, colors, stamped, camera, 1000.0, register)
+    return with_truth(recording, "frame-*.pose.txt", true_poses)
 
 
 def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
@@ -76,43 +79,36 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
     require_folder(folder)
     if (folder / "img_prev.png").is_file():
         return _tum_pair(folder, camera, depth_units)
-    if not (folder / "rgb.txt").is_file():
-        inner = sorted(path.parent.name for path in folder.glob("*/img_prev.png"))
-        hint = f": name one of its folders {', '.join(inner)}" if inner else ""
-        raise ValueError(f"{folder / 'rgb.txt'}: expected a file, found none{hint}")
-    files = pair_up(folder, NAMES, *(_read_list(folder / name) for name in ("rgb.txt", "depth.txt")))
+    recording = _rgbd(folder, _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt"), camera, depth_units)
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
-    return _rgbd(files, _bodies(truth, files), camera, depth_units, "groundtruth.txt")
+    return with_truth(recording, "groundtruth.txt", bodies_at(truth, recording, 2 * MAX_PAIR_GAP_NS))
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
-    files, poses = Files(), []
-    for index, name in enumerate(("prev", "curr")):
-        row, *_ = read_numbers(folder / f"pose_{name}.txt", 7)
-        pair = {"color": folder / f"img_{name}.png", "depth": folder / f"dep_{name}.png"}
-        files.append((FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ), pair))
-        poses.append(pose_of_row(row, folder / f"pose_{name}.txt") @ T_BODY_OPTICAL.inverse())
-    return _rgbd(files, poses, camera, depth_units, "pose_prev.txt, pose_curr.txt")
+    stamps = {name: FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ) for index, name in enumerate(("prev", "curr"))}
+    colors, depths = ([(stamps[n], folder / f"{kind}_{n}.png") for n in stamps] for kind in ("img", "dep"))
+    paths = [folder / f"pose_{name}.txt" for name in stamps]
+    poses = [pose_of_row(read_numbers(path, 7)[0], path) @ T_BODY_OPTICAL.inverse() for path in paths]
+    return with_truth(_rgbd(folder, colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", poses)
 
 
 def open_openloris(folder: Path) -> Recording:
     """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
-    files = pair_up(
-        folder, NAMES, *(_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
-    )
+    colors, depths = (_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
     path = folder / "sensors.yaml"
     fields = ("width", "height", "intrinsics")
     values = required(required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}", fields)
-    fx, cx, fy, cy = _data(values["intrinsics"], f"{path}: intrinsics", 4)
+    fx, cx, fy, cy = matrix_data(values["intrinsics"], f"{path}: intrinsics", 4)
     found = values.get("distortion_coefficients")
-    distortion = () if found is None else _data(found, f"{path}: distortion")
+    distortion = () if found is None else matrix_data(found, f"{path}: distortion")
     width, height = (int(number(values[name], f"{path}: {name}")) for name in ("width", "height"))
     T_base_optical, truth = _mounting(folder / "trans_matrix.yaml"), None
     if (folder / "groundtruth.txt").is_file():
         base = read_tum(folder / "groundtruth.txt")
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
-    camera, T_base_link = Pinhole(width, height, fx, fy, cx, cy, distortion), T_base_optical @ T_BODY_OPTICAL.inverse()
-    return _rgbd(files, _bodies(truth, files), camera, 1000.0, "groundtruth.txt", T_base_link=T_base_link)
+    recording = _rgbd(folder, colors, depths, Pinhole(width, height, fx, fy, cx, cy, distortion), 1000.0)
+    recording = replace(recording, T_base_link=T_base_optical @ T_BODY_OPTICAL.inverse())
+    return with_truth(recording, "groundtruth.txt", bodies_at(truth, recording, 2 * MAX_PAIR_GAP_NS))
 
 
 def open_rover(folder: Path, camera: Pinhole) -> Recording:
@@ -123,35 +119,28 @@ def open_rover(folder: Path, camera: Pinhole) -> Recording:
     require_folder(folder)
     inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
     paths = (require_folder(inner / name).glob("*.png") for name in ("rgb", "depth"))
-    stamped = [sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in found) for found in paths]
-    files = pair_up(inner, NAMES, *stamped)
-    return _rgbd(files, [None] * len(files), camera, 1000.0)
+    colors, depths = (sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in found) for found in paths)
+    return _rgbd(inner, colors, depths, camera, 1000.0)
 
 
 def _rgbd(
-    files: Files,
-    poses: Sequence[SE3 | None],
+    folder: Path,
+    colors: Listed,
+    depths: Listed,
     camera: Pinhole,
     depth_units: float,
-    truth: str = "",
-    *,
     register: Callable[[Any], Floats] = lambda depth: depth,
-    T_base_link: SE3 | None = None,
 ) -> Recording:
-    """Return a recording of images, depth that is registered to them, and true poses of the camera's body."""
+    """Return a recording of images, and depth that is registered to them."""
 
     def read_depth(path: Path) -> Floats:
         depth = read_meters(path, depth_units)
         require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)
 
+    cameras = {"color": Folder(folder, colors), "depth": Folder(folder, depths, read_depth)}
     views = {"color": View("", OPTICAL_FRAME, camera), "depth": View("depth/", OPTICAL_FRAME, camera)}
-    instants = file_instants(files, poses, depth=read_depth)
-    return Recording(views, instants, truth, T_base_link=T_base_link or SE3.identity())
-
-
-def _bodies(truth: Trajectory | None, files: Files) -> list[SE3 | None]:
-    return bodies_at(truth, [stamp for stamp, _ in files], 2 * MAX_PAIR_GAP_NS)
+    return camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
 
 
 def _mounting(path: Path) -> SE3:
@@ -163,14 +152,9 @@ def _mounting(path: Path) -> SE3:
         row = above.pop(frame, None)  # each once: a ring of frames ends, too
         if row is None:
             raise ValueError(f"{path}: expected a way from {D435} to base_link, found none from {frame}")
-        T_frame_optical = pose_of_matrix(_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
+        T_frame_optical = pose_of_matrix(matrix_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
         frame = str(row["parent_frame"])
     return T_frame_optical
-
-
-def _data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
-    """Return the numbers of an OpenCV matrix."""
-    return numbers(required(found, where, ["data"])["data"], where, count)
 
 
 def _read_list(path: Path) -> list[tuple[int, Path]]:

@@ -24,6 +24,7 @@ from sphere_nav_tools.offline.importing.recording import (
     read_pose,
     read_rgb,
     require_folder,
+    require_size,
 )
 
 SPHERE_FRAME = "sphere_link"
@@ -47,7 +48,7 @@ def sphere_recording(
 
         return Instant(stamp, {}, None if poses is None else poses[index], {"sphere": make})
 
-    return Recording({}, [instant(*one) for one in enumerate(stamps)], truth, SPHERE_FRAME)
+    return Recording({}, {}, [instant(*one) for one in enumerate(stamps)], truth, SPHERE_FRAME)
 
 
 def open_spherical(folder: Path) -> Recording:
@@ -100,10 +101,9 @@ def _open_equirectangular(folder: Path) -> Recording:
         image = read_rgb(names[index])
         file = names[index].with_name(names[index].stem.replace("image_", "range_", 1) + ".png")
         range_m = read_meters(file, 1000.0, np.inf)
-        if range_m.shape != image.shape[:2]:
-            expected = f"{image.shape[1]} x {image.shape[0]}"
-            raise ValueError(f"{file}: expected {expected} pixels, found {range_m.shape[::-1]}")
-        return Sphere(image, range_m, Spherical(image.shape[1], image.shape[0]), stamp)
+        camera = Spherical(image.shape[1], image.shape[0])
+        require_size(file, range_m, camera)
+        return Sphere(image, range_m, camera, stamp)
 
     return sphere_recording(_seconds(names), sphere, poses, file.name)
 

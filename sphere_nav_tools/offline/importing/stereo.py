@@ -5,7 +5,6 @@ Cameras that are not rectified have lenses and poses of their own, told by `came
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,17 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.opencv_file import load_opencv
 from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav_tools.offline.constants import DEFAULT_HZ
+from sphere_nav_tools.offline.constants import DEFAULT_HZ, MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.importing.frames import Folder
+from sphere_nav_tools.offline.importing.images import camera_recording
 from sphere_nav_tools.offline.importing.recording import (
     FIRST_STAMP_NS,
     SIDES,
     Recording,
+    View,
     ahead_up,
     bodies_at,
-    file_instants,
-    pair_up,
+    matrix_data,
     pair_views,
     pose_of_matrix,
     pose_of_row,
@@ -36,6 +37,7 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
     trajectory,
     whole,
+    with_truth,
 )
 
 FOLDERS = {
@@ -67,13 +69,12 @@ def open_kitti(folder: Path) -> Recording:
         raise ValueError(f"{folder / 'calib.txt'}: expected the second camera to the right, found {baseline} m")
     times, poses = (_optional(folder / name, n, max(images)) for name, n in (("times.txt", 1), ("poses.txt", 12)))
     seconds = {index: index / DEFAULT_HZ if times is None else float(times[index, 0]) for index in images}
-    files = [
-        (FIRST_STAMP_NS + round(seconds[index] * 1e9), {"left": path, "right": right / path.name})
-        for index, path in images.items()
-    ]
-    bodies = [None if poses is None else _of_three_rows(poses[index]) for index in images]
+    stamps = {index: FIRST_STAMP_NS + round(seconds[index] * 1e9) for index in images}
+    lefts = [(stamps[index], path) for index, path in images.items()]
+    cameras = {"left": Folder(left, lefts), "right": Folder(right, [(s, right / path.name) for s, path in lefts])}
     views = pair_views(camera, camera, SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
-    return Recording(views, file_instants(files, bodies), "poses.txt")
+    bodies = [None if poses is None else _of_three_rows(poses[index]) for index in images]
+    return with_truth(camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS), "poses.txt", bodies)
 
 
 def open_euroc(folder: Path) -> Recording:
@@ -81,45 +82,31 @@ def open_euroc(folder: Path) -> Recording:
     require_folder(folder)
     mav = folder / "mav0" if (folder / "mav0").is_dir() else folder
     (left, T_body_left), (right, T_body_right) = (_asl_camera(mav / name / "sensor.yaml") for name in ("cam0", "cam1"))
-    tables = {mav / name: read_words(mav / name / "data.csv", 2) for name in ("cam0", "cam1")}
-    images = [[(whole(w[0], where), at / "data" / w[1]) for where, w in rows] for at, rows in tables.items()]
     source = next((mav / name / "data.csv" for name in TRUTHS if (mav / name / "data.csv").is_file()), None)
     truth = None if source is None else _asl_truth(source, T_body_left)
     name = "" if source is None else source.parent.name
-    return _stereo(pair_up(mav, SIDES, *images), (left, right), T_body_left.inverse() @ T_body_right, truth, name)
+    folders = mav / "cam0" / "data", mav / "cam1" / "data"
+    return _stereo(folders, pair_views(left, right, T_body_left.inverse() @ T_body_right), truth, name)
 
 
 def open_four_seasons(folder: Path) -> Recording:
-    """Open undistorted_images/cam0, cam1 with times.txt, the set's folder calibration, and GNSSPoses.txt."""
+    """Open undistorted_images/cam0, cam1 named by their stamps, the set's folder calibration, and GNSSPoses.txt."""
     require_folder(folder)
     calibration = next((p / "calibration" for p in (folder, folder.parent) if (p / "calibration").is_dir()), None)
     if calibration is None:
         raise ValueError(f"{folder.parent / 'calibration'}: expected that of 4Seasons, found none")
-    left, right = (require_folder(folder / "undistorted_images" / name) for name in ("cam0", "cam1"))
-    cameras = (
-        _undistorted(calibration / "undistorted_calib_0.txt"),
-        _undistorted(calibration / "undistorted_calib_1.txt"),
-    )
+    left, right = (_undistorted(calibration / f"undistorted_calib_{number}.txt") for number in (0, 1))
     T_left_right = read_pose(calibration / "undistorted_calib_stereo.txt")
     truth = _gnss_poses(folder) if (folder / "GNSSPoses.txt").is_file() else None
-    stamps = [whole(words[0], where) for where, words in read_words(folder / "times.txt")]
-    files = [(stamp, {"left": left / f"{stamp}.png", "right": right / f"{stamp}.png"}) for stamp in stamps]
-    files = [(stamp, paths) for stamp, paths in files if all(path.is_file() for path in paths.values())]
-    if not files:
-        raise ValueError(f"{left}: expected images named as in times.txt, found none")
-    return _stereo(files, cameras, T_left_right, truth, "GNSSPoses.txt")
+    folders = folder / "undistorted_images" / "cam0", folder / "undistorted_images" / "cam1"
+    return _stereo(folders, pair_views(left, right, T_left_right), truth, "GNSSPoses.txt")
 
 
-def _stereo(
-    files: Sequence[tuple[int, dict[str, Path]]],
-    cameras: tuple[Camera, Camera],
-    T_left_right: SE3,
-    truth: Trajectory | None,
-    name: str,
-) -> Recording:
-    """Return a recording of pairs; the truth is that of the left camera's optical frame."""
-    poses = bodies_at(truth, [stamp for stamp, _ in files], MAX_TRUTH_GAP_NS)
-    return Recording(pair_views(*cameras, T_left_right), file_instants(files, poses), name)
+def _stereo(folders: tuple[Path, Path], views: dict[str, View], truth: Trajectory | None, name: str) -> Recording:
+    """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
+    cameras = {side: Folder(require_folder(at), is_stamped=True) for side, at in zip(SIDES, folders, strict=True)}
+    recording = camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
+    return with_truth(recording, name, bodies_at(truth, recording, MAX_TRUTH_GAP_NS))
 
 
 def _of_three_rows(row: Array) -> SE3:
@@ -152,7 +139,7 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     fx, fy, cx, cy = numbers(values["intrinsics"], f"{path}: intrinsics", 4)
     k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
     model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
-    matrix = numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], f"{path}: T_BS", 16)
+    matrix = matrix_data(values["T_BS"], f"{path}: T_BS", 16)
     with told_at(path):
         return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
 

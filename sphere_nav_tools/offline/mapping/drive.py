@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,10 @@ from sphere_nav_tools.offline.constants import (
 )
 from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses, truth_topics
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
 from sphere_nav_tools.offline.registering import REMEDY
 
+FIRST = slice(1)  # the first sphere alone
 NUM_NAMED = 3  # motions that are told by name
 
 
@@ -59,22 +60,21 @@ class Recipe:
 class MappedDrive:
     """What was mapped, by what camera, and what was not.
 
-    refused: how often, by the words with {n} in the place of the number.
+    refusal: of what, and why, in one line.
     """
 
     recipe: Recipe
     mapper: Mapper
     mount: CameraMount
     num_lost: int = 0
-    refused: dict[str, int] = field(default_factory=dict)
+    refusal: str = ""
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
         mount = self.mount
         T_sphere_pose = mount.T_base_sphere.inverse() if is_base else mount.T_sphere_body
         stamps, poses = zip(*self.mapper.trajectory(), strict=True)
-        matrices = np.stack([(T_map_sphere @ T_sphere_pose).matrix for T_map_sphere in poses])
-        return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
+        return trajectory_of(stamps, [T_map_sphere @ T_sphere_pose for T_map_sphere in poses])
 
     def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
         """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of.
@@ -96,22 +96,11 @@ class MappedDrive:
         surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
 
-    def anchor(self, truth: Truth) -> SE3 | None:
-        """Return T_truth_map, so that the first sphere is where the truth has it; None where the truth lacks it."""
-        mine = self.trajectory(is_base=truth.is_base)
-        at, known = truth.poses.at(mine.stamps_ns[:1], max_gap_ns=round(1e9))
-        return at.T_map_body[0] @ mine.T_map_body[0].inverse() if known.any() else None
-
-    def fit(self, truth: Truth) -> SE3 | None:
-        """Return T_truth_map that fits all spheres best, so that no single true pose decides; None without truth."""
-        mine = self.trajectory(is_base=truth.is_base)
+    def fit(self, truth: Truth, spheres: slice = slice(None)) -> SE3 | None:
+        """Return T_truth_map that fits the spheres best, so that no single true pose decides; None without truth."""
+        mine = self.trajectory(is_base=truth.is_base)[spheres]
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
         return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
-
-    @property
-    def refusal(self) -> str:
-        """What was refused, and why, in one line."""
-        return "; ".join(words.replace("{n}", str(number)) for words, number in self.refused.items())
 
     @property
     def loss(self) -> str:
@@ -133,7 +122,7 @@ class MappedDrive:
             f"closed, {placed.distances[-1]:.2f} m"
         )
         lines += [f"refused: {self.refusal}"] if self.refusal else []
-        if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
+        if truth is None or self.loss or (T_truth_map := self.fit(truth, FIRST)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
         judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)

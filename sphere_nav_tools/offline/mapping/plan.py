@@ -27,11 +27,13 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
         finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
-            kind = finder.find_kind(has_rig=arguments.rig is not None)
+            kind, choice = finder.find_source(has_rig=arguments.rig is not None)
+        elif kind != CAMERAS:
+            choice = finder.find(TOPICS[kind])
         if kind == CAMERAS:
             stitcher, remap, values = stitcher_values(finder, arguments), imu, values | {"input": "sphere"}
         else:
-            found = finder.require(finder.find(TOPICS[kind]))
+            found = finder.require(choice)
             values = {"slack_s": finder.slack_s(found[TOPICS[kind][0]])} | values | {"input": kind}
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found

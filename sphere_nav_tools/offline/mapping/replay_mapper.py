@@ -6,8 +6,6 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 
-from tqdm import tqdm
-
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.node import SphereMapper
@@ -17,6 +15,7 @@ from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import IMU_NS
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe
 from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
+from sphere_nav_tools.offline.tables import progress
 
 
 def replay_mapper(
@@ -35,7 +34,7 @@ def replay_mapper(
             if recipe.pair is not None:
                 node.intake.stereo.use(recipe.pair)
             total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
-            with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
+            with progress("map", "message", total=total) as bar:
                 for _ in replay(bag, bus, progress=bar.update):
                     pass
         if stitching is not None:
@@ -51,15 +50,14 @@ def replay_mapper(
     return MappedDrive(recipe, node.mapper, node.mount, node.num_lost, refusals(node, stitching))
 
 
-def refusals(node: SphereMapper, stitching: StitcherAhead | None) -> dict[str, int]:
-    """Return how often something was refused or missing, by the words with {n} in the place of the number."""
+def refusals(node: SphereMapper, stitching: StitcherAhead | None) -> str:
+    """Return what was refused or missing, how often and why, in one line."""
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
-    found = {f"{{n}} of {one.topic}: {one.last_refusal}": one.num_refused for one in inputs if one.num_refused}
+    found = [f"{one.num_refused} of {one.topic}: {one.last_refusal}" for one in inputs if one.num_refused]
     if stitching is not None and stitching.intake is not None:
-        for name, health in stitching.intake.sync.health.items():
-            if health.problem:
-                found[f"{name}: {health.problem} ({{n}} times)"] = health.num_missing
-    return found
+        cameras = stitching.intake.sync.health.items()
+        found += [f"{name}: {one.problem} ({one.num_missing} times)" for name, one in cameras if one.problem]
+    return "; ".join(found)
 
 
 def hear_beginning(bag: BagReader, node: SphereMapper, imu: str) -> None:

@@ -6,7 +6,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from sphere_mapping.acquisition.constants import NUM_VIEWS
 from sphere_mapping.acquisition.stereo.corner_tracks import follow_window
@@ -18,6 +17,7 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import MAX_PAIRS, MAX_WINDOWS
 from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
+from sphere_nav_tools.offline.tables import progress
 
 TERMS = ("", " x^2", " x", " y", " x y", " y^2", " x^3", " x^4")
 
@@ -30,9 +30,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     number = min(bag.topics[remap["left/image_raw"]].count, MAX_PAIRS)
     step, windows, images, pair = max(number // MAX_WINDOWS, NUM_VIEWS - 1), list[Window](), list[Any](), None
     node, pairs = collect(bag, values, remap, PairCollector)
-    for index, (left, right, pair) in enumerate(
-        tqdm(islice(pairs, number), desc="stereo", total=number, unit="pair", leave=False, disable=None)
-    ):
+    for index, (left, right, pair) in enumerate(progress("stereo", "pair", islice(pairs, number), number)):
         images += [(to_gray_bytes(left), to_gray_bytes(right))] * (index % step < NUM_VIEWS)
         if len(images) == NUM_VIEWS:
             window = follow_window(pair.geometry.camera, pair.geometry.baseline_m, *zip(*images, strict=True))

@@ -10,7 +10,6 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import plot_figure
-from sphere_nav_tools.offline.plot_figure import runs_of
 
 SECOND = 10**9
 STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]
@@ -58,25 +57,16 @@ def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, 
     assert (drive / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
+def test_poses_in_another_frame_than_the_truth_are_moved_to_it(drive, monkeypatch):
     elsewhere = SE3.from_planar(30.0, -4.0, 1.0)
     monkeypatch.chdir(drive)
     truth = read_tum(drive / "truth.tum")
     write_tum(drive / "truth.tum", truth.moved(elsewhere))
     drawn = []
-    monkeypatch.setattr(plot_figure, "draw_localization", lambda path, poses, errors, *more: drawn.append(errors))
+    monkeypatch.setattr(plot_figure, "draw_localization", lambda path, poses, judged, *more: drawn.append(judged))
     for alignment in ("none", "poses"):
         assert call("plot", drive / "drive", "-o", drive / "a.png", "--truth", "truth.tum", "--align", alignment) == 0
     far, near = drawn
-    assert far[1].translation_m.min() > 10.0
-    assert near[1].translation_m.max() < 1e-6
-    np.testing.assert_allclose(near[0].positions, truth.positions, atol=1e-6)  # where the map has it
-
-
-def test_runs_of_equal_states_last_until_the_next_begins():
-    runs = runs_of([status(number) for number in range(6)], SECOND)
-    assert [(str(state), str(reason)) for state, reason, _, _ in runs] == [
-        ("SEARCHING", ""), ("PROBATION", ""), ("TRACKING", ""), ("DEGRADED", "LOW_OVERLAP"), ("LOST", "TIMEOUT"),
-    ]  # fmt: skip
-    assert [(first, end) for _, _, first, end in runs] == [(0, 1), (1, 2), (2, 4), (4, 5), (5, 5)]
-    assert runs_of([], 0) == []
+    assert far.errors.translation_m.min() > 10.0
+    assert near.errors.translation_m.max() < 1e-6
+    np.testing.assert_allclose(near.truth.positions, truth.moved(elsewhere).positions, atol=1e-6)

@@ -56,7 +56,7 @@ def test_depth_that_is_registered_to_the_image_is_preferred_else_it_comes_with_i
         "camera_info": COLOR[1].topic,
         "depth/image_raw": ALIGNED[0].topic,
     }
-    assert choice.reason == "as realsense calls them"
+    assert choice.reason == "depth of that camera"
     found = find([*COLOR, *DEPTH], RGBD)
     assert (found["depth/image_raw"], found["depth/camera_info"]) == (DEPTH[0].topic, DEPTH[1].topic)
     renamed = [image("/a/rgb"), info("/a/camera_info"), image("/a/depth", "16UC1"), image("/a/far", "16UC1", "far")]
@@ -211,7 +211,7 @@ def test_a_camera_counts_once_with_color_the_left_of_a_pair_and_never_in_infrare
     ],
 )
 def test_what_spheres_are_made_of_is_told_by_what_there_is(streams, chosen, has_rig, kind):
-    assert finder_of(streams, chosen).find_kind(has_rig=has_rig) == kind
+    assert finder_of(streams, chosen).find_source(has_rig=has_rig)[0] == kind
 
 
 def test_a_localizer_hears_what_its_parameters_say():
@@ -274,14 +274,3 @@ def test_a_driver_that_is_named_is_found_below_one_namespace_alone():
 )
 def test_cameras_are_called_by_what_their_topics_differ_in(topics, names):
     assert names_of_cameras([image(topic) for topic in topics]) == names
-
-
-def test_several_cameras_in_one_frame_are_told_but_not_a_pair_a_driver_or_another_form_of_an_image():
-    front, rear = ([image(f"/{side}/image_raw"), info(f"/{side}/camera_info")] for side in ("front", "rear"))
-    said = ["frame color_optical: expected one camera, found /front/image_raw and /rear/image_raw:"
-            " each needs a frame_id of its own"]  # fmt: skip
-    assert finder_of([*front, *rear]).shared_frames() == said
-    pair = [s for side in ("left", "right") for s in (image(f"/{side}/image_raw"), info(f"/{side}/camera_info"))]
-    forms = [image("/front/image_rect"), compressed("/front/image_raw/compressed"), image("/throttled/image_raw")]
-    for fine in (front, [*front, *forms], pair, [*COLOR, *ALIGNED, *INFRA], [front[0], image("/rear/image_raw")]):
-        assert finder_of(fine).shared_frames() == []

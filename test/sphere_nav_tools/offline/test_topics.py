@@ -13,7 +13,7 @@ from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE_INF
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline import offers
-from sphere_nav_tools.offline.offers import OpenedBag, offer_localize, offer_map, offer_mcl
+from sphere_nav_tools.offline.offers import check_stamps, odometry_of, offer_localize, offer_map, offer_mcl
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 from sphere_nav_tools.offline.topics import add_options, camera_names, chosen_topics, options_of
 from worlds.streams import finder_of
@@ -63,8 +63,10 @@ def frames(*edges, is_static=True):
     return tree
 
 
-def recording(*streams, tree=None, **values):
-    return OpenedBag(finder_of(streams, tree=tree), **values)
+def recording(*streams, tree=None, mounting=""):
+    finder = finder_of(streams, tree=tree)
+    finder.mounting = mounting
+    return finder
 
 
 MOUNTED = frames(*(("base_link", name) for name in NAMES))
@@ -78,10 +80,10 @@ def test_a_rig_is_mapped_by_the_names_of_its_cameras():
 
 def test_a_rig_file_says_which_cameras_there_are(monkeypatch):
     monkeypatch.setattr(offers, "read_rig", lambda path: SimpleNamespace(names=("left", "top")))
-    found = offer_map(recording(RIG[1], rig=Path("six.yaml")))
+    found = offer_map(recording(RIG[1]), Path("six.yaml"))
     assert found.command[-3:] == ["--rig", "six.yaml", "--camera=left=/left/image_raw"]
     assert found.note.endswith("without top")
-    assert offer_map(recording(rig=Path("six.yaml"))).missing.startswith("expected images of left, top (rig file")
+    assert offer_map(recording(), Path("six.yaml")).missing.startswith("expected images of left, top (rig file")
 
 
 def test_several_cameras_localize_by_the_map_of_their_rig_or_by_their_own_calibrations():
@@ -108,7 +110,7 @@ def test_bare_geometry_needs_the_height_of_the_camera_and_names_odometry_that_is
     moving = frames(("odom", "base_link"), is_static=False)
     moving.add(se3_to_transform(SE3.identity(), SECOND, "base_link", "front"), is_static=True)
     assert offer_mcl(recording(*one, tree=moving)).command
-    assert recording(*one, tree=moving).odometry == "/tf (odom to base_link)"
+    assert odometry_of(recording(*one, tree=moving)) == "/tf (odom to base_link)"
 
 
 def test_a_panorama_is_offered_with_what_it_needs():
@@ -128,4 +130,4 @@ def test_images_of_different_instants_are_no_pair(monkeypatch):
     monkeypatch.setattr(TopicFinder, "slack_s", lambda *_: 0.011)
     monkeypatch.setattr(TopicFinder, "nearest_pair_s", lambda *_: 0.25)
     with pytest.raises(BagError, match=r"/b: expected stamps within 11 ms of /a .*, found 250 ms at the nearest"):
-        recording().check_stamps("/a", "/b")
+        check_stamps(recording(), "/a", "/b")

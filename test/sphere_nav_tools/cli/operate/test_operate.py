@@ -16,7 +16,7 @@ from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import ground, simulator, words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
-from sphere_nav_tools.cli.operate.ground import add_colors, ground_of
+from sphere_nav_tools.cli.operate.ground import ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
@@ -177,13 +177,6 @@ def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
 def test_a_map_without_a_taught_path_has_no_places(tmp_path):
     with pytest.raises(ValueError, match="expected a map with a taught path, found none"):
         network_of(tmp_path, None)
-
-
-def test_a_cell_has_the_mean_of_what_was_seen_there():
-    sums = np.zeros((4, 4))
-    add_colors(sums, np.array([2, 2, 3]), np.array([[10, 20, 30], [30, 40, 50], [7, 7, 7]], np.uint8))
-    add_colors(sums, np.array([0]), np.array([9], np.uint8))  # grey
-    assert sums.tolist() == [[9, 9, 9, 1], [0, 0, 0, 0], [40, 60, 80, 2], [7, 7, 7, 1]]
 
 
 def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(monkeypatch):

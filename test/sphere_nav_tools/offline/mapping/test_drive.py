@@ -46,16 +46,17 @@ def drive():
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
-    for found in (drive.anchor(laid_out(WAY)), drive.fit(laid_out(WAY))):
+    for spheres in (slice(1), slice(None)):
+        found = drive.fit(laid_out(WAY), spheres)
         np.testing.assert_allclose(found.matrix, T_TRUTH_MAP.matrix, atol=1e-9)
     off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
-    errors = [float(find(laid_out(off)).distance(T_TRUTH_MAP)[0]) for find in (drive.anchor, drive.fit)]
+    errors = [float(drive.fit(laid_out(off), slice(n)).distance(T_TRUTH_MAP)[0]) for n in (1, None)]
     assert errors[0] == pytest.approx(0.05)
     assert errors[1] < 0.015
     late = Truth(laid_out(WAY).poses.moved(SE3.identity()), is_base=False)
     elsewhere = Truth(Trajectory(late.poses.stamps_ns + 10**12, late.poses.T_map_body), is_base=False)
     assert drive.fit(elsewhere) is None
-    assert drive.anchor(elsewhere) is None
+    assert drive.fit(elsewhere, slice(1)) is None
 
 
 def test_a_summary_counts_spheres_and_compares_with_the_truth(drive):
@@ -63,7 +64,7 @@ def test_a_summary_counts_spheres_and_compares_with_the_truth(drive):
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
     drive.mapper.num_loops, drive.recipe.stereo = 0, "stereo: ..."
-    drive.refused = {"{n} of depth": 3}
+    drive.refusal = "3 of depth"
     counted = lines[0].replace("1 loops", "0 loops")
     assert drive.summary(None) == ["stereo: ...", counted, "refused: 3 of depth"]
 
