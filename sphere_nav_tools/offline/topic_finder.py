@@ -77,6 +77,8 @@ class TopicFinder:
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
+        for line in finder.shared_frames():
+            logging.getLogger("sphere_nav.frames").warning(line)
         return finder
 
     @cached_property
@@ -109,6 +111,23 @@ class TopicFinder:
                         line = str(error)
                     lines |= {f"{topic}: {line}": None} if line and kind else {}
         return tree, [*lines]
+
+    def shared_frames(self) -> list[str]:
+        """Return a line for each frame in which several cameras are, by topics that no driver has for one of them.
+
+        Pictures beside a calibration of their own are those of a camera; both of a stereo pair may be in one frame.
+        """
+        roots = tuple(f"/{root}/" for driver in self.drivers() for root in driver.roots(list(self.by_name)))
+        calibrated = {(_folder(s), s.frame_id) for s in self.streams if s.type == CAMERA_INFO}
+        cameras: dict[str, dict[str, Stream]] = {}
+        for stream in _without_twins(s for s in self.streams if s.is_picture and s.frame_id):
+            if not stream.topic.startswith(roots) and (_folder(stream), stream.frame_id) in calibrated:
+                cameras.setdefault(stream.frame_id, {}).setdefault(_folder(stream), stream)
+        return [
+            f"frame {frame}: expected one camera, found {' and '.join(topics)}: each needs a frame_id of its own"
+            for frame, found in cameras.items()
+            if len(topics := [stream.topic for stream in _without_rights([*found.values()])]) > 1
+        ]
 
     @property
     def lens(self) -> str:
@@ -405,6 +424,10 @@ def _is_registered(pair: Candidate) -> bool:
 def _without_rights(pictures: Sequence[Stream]) -> list[Stream]:
     """Leave out the right side of a pair."""
     return [p for p in pictures if not any(_is_pair((other, p)) for other in pictures)]
+
+
+def _folder(stream: Stream) -> str:
+    return stream.base.rpartition("/")[0]
 
 
 def _is_pair(pair: Candidate) -> bool:

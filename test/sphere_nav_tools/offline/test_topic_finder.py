@@ -274,3 +274,14 @@ def test_a_driver_that_is_named_is_found_below_one_namespace_alone():
 )
 def test_cameras_are_called_by_what_their_topics_differ_in(topics, names):
     assert names_of_cameras([image(topic) for topic in topics]) == names
+
+
+def test_several_cameras_in_one_frame_are_told_but_not_a_pair_a_driver_or_another_form_of_an_image():
+    front, rear = ([image(f"/{side}/image_raw"), info(f"/{side}/camera_info")] for side in ("front", "rear"))
+    said = ["frame color_optical: expected one camera, found /front/image_raw and /rear/image_raw:"
+            " each needs a frame_id of its own"]  # fmt: skip
+    assert finder_of([*front, *rear]).shared_frames() == said
+    pair = [s for side in ("left", "right") for s in (image(f"/{side}/image_raw"), info(f"/{side}/camera_info"))]
+    forms = [image("/front/image_rect"), compressed("/front/image_raw/compressed"), image("/throttled/image_raw")]
+    for fine in (front, [*front, *forms], pair, [*COLOR, *ALIGNED, *INFRA], [front[0], image("/rear/image_raw")]):
+        assert finder_of(fine).shared_frames() == []
