@@ -123,3 +123,25 @@ def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
     assert "pose.txt: expected 4 x 4 numbers, found 1 x 3" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (kitti / "times.txt").write_text("0.0\n")
     assert "times.txt: expected at least 3 rows (image 000002), found 1" in fails(capsys, tmp_path, "kitti", kitti)
+
+
+FILES = {
+    "seven_scenes": ("frame-000000.depth.png",),
+    "tum": ("rgb.txt",),
+    "kitti": ("calib.txt", "image_0/000000.png"),
+    "spherical": ("image_0.png", "range_0.png"),
+    "openloris": ("color.txt", "aligned_depth.txt"),
+    "rover": ("intelrealsense_D435i/rgb/1.5.png",),
+    "euroc": ("mav0/cam0/data.csv",),
+    "four_seasons": ("undistorted_images/cam0/1.png", "times.txt"),
+    "nclt": ("lb3/Cam5/1326030975726043.tiff",),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_inspect_says_how_a_data_set_becomes_a_bag(kind, tmp_path, capsys):
+    for name in FILES[kind]:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    main(["inspect", str(tmp_path)])
+    assert f"sphere_nav import {kind} {tmp_path}" in capsys.readouterr().out
