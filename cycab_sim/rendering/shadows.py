@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
-from embreex.rtcore_scene import EmbreeScene
 
 from cycab_sim.params import LightParams
 from cycab_sim.rendering import kernels
+from cycab_sim.rendering.embree import PacketScene
 from cycab_sim.rendering.sky import light_at
 from sphere_nav.geometry.arrays import Array, Floats
 
@@ -26,7 +26,7 @@ class ShadowMap:
 
     def __init__(
         self,
-        scene: EmbreeScene,
+        scene: PacketScene,
         square: tuple[float, float],
         light: LightParams,
         center: Array,
@@ -86,7 +86,7 @@ class ShadowMap:
         def work(row: int) -> None:
             local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)
             starts = (local @ R).astype(np.float32)
-            far = self._scene.run(starts, np.repeat(direction, size, axis=0), query="DISTANCE")
+            _, far = self._scene.cast(starts, np.repeat(direction, size, axis=0))
             depth[row] = base + far
 
         list(self._pool.map(work, range(size)))

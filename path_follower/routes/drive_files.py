@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from path_follower.params import FollowerParams
-from path_follower.path_files import make_path, read_given
+from path_follower.path_files import read_given
 from path_follower.routes.building import TaughtDrive
 from path_follower.routes.network import EdgeCurve
+from path_follower.taught import make_path
 from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav.geometry.files.untrusted import told_at
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from rig_calibration.boards.bundle import residuals, rms_px, solve
 from rig_calibration.boards.observability import spread
-from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
-from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
+from rig_calibration.boards.rejection import Adjusted, adjust, noise_px, view_medians
+from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_state, rig_problem
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
     FOCAL_LENGTHS,
@@ -74,7 +74,7 @@ def calibrate_camera(
     start: Camera | None = None,
 ) -> SingleCamera:
     """Find lens and board poses from the views of one camera; ValueError where no start fits."""
-    problem = camera_problem(model, size, seen)
+    problem = rig_problem((model,), (size,), seen)
     kept = np.ones(len(seen.pixels))
     starts = [lens_of(start)] if start is not None else _starts(model, size, seen)
     tried = [_try(problem, lens, kept) for lens in starts]
@@ -102,7 +102,7 @@ def view_poses(camera: Camera, seen: Observations) -> tuple[SE3, SE3]:
 
 def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array]:
     """Return the most promising lenses without distortion, by how well the board of each view fits."""
-    problem = camera_problem(model, size, seen)
+    problem = rig_problem((model,), (size,), seen)
     found = []
     for ratio in FOCAL_LENGTHS[model]:
         focal, center = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
@@ -140,8 +140,11 @@ def _flip_where_better(problem: AdjustmentProblem, state: RigState) -> RigState:
     weights = whole[seen.view].astype(np.float64)
     other = replace(other, T_world_rig=SE3(np.where(whole[:, None, None], far, now.matrix)))
     other = solve(problem.held(), other, weights, max_iterations=10).state
-    ones = np.ones_like(weights)
-    before = seen.per_view_rms(residuals(problem, state), ones)
-    after = seen.per_view_rms(np.nan_to_num(residuals(problem, other), nan=1e6), ones)
+    before, after = (
+        view_medians(
+            seen, np.linalg.norm(np.nan_to_num(residuals(problem, one), nan=1e6), axis=-1), np.ones_like(weights)
+        )
+        for one in (state, other)
+    )
     is_better = whole & (after < 0.98 * before)
     return replace(state, T_world_rig=SE3(np.where(is_better[:, None, None], other.T_world_rig.matrix, now.matrix)))

@@ -7,7 +7,7 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import information, normal_equations, residuals, rms_px, solve
 from rig_calibration.boards.intrinsics import calibrate_camera, view_poses
 from rig_calibration.boards.observability import Spread, warnings
-from rig_calibration.boards.state import SHARED, RigState, camera_problem, camera_state
+from rig_calibration.boards.state import SHARED, RigState, camera_state, rig_problem
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
@@ -63,7 +63,7 @@ def test_a_wide_lens_comes_back_in_its_own_model(camera):
 
 
 def test_a_disturbed_solution_settles_where_it_was(seen, single):
-    problem = camera_problem("pinhole", (640, 480), seen)
+    problem = rig_problem(("pinhole",), ((640, 480),), seen)
     best = single.adjusted.solution
     disturbed = best.state.moved(np.append(np.zeros(24), np.full(90, 0.01)))
     again = solve(problem, disturbed, single.adjusted.kept)
@@ -72,7 +72,7 @@ def test_a_disturbed_solution_settles_where_it_was(seen, single):
 
 
 def test_what_views_tell_of_a_lens_is_what_is_left_when_their_poses_are_free(seen):
-    problem = camera_problem("pinhole", (640, 480), seen)
+    problem = rig_problem(("pinhole",), ((640, 480),), seen)
     T_camera_board = view_poses(CAMERA, seen)[0]
     state, weights = camera_state(lens_of(CAMERA), T_camera_board), np.ones(len(seen.pixels))
     weights[: seen.starts[1]] = 0.0  # a view that was left out says nothing
@@ -96,7 +96,7 @@ def test_points_behind_the_camera_are_refused(seen):
         np.array([400.0, 400, 320, 240, *np.zeros(8)]), SE3.exp(np.tile([0, 0, -3.0, 0, 0, 0], (15, 1)))
     )
     with pytest.raises(ValueError, match="in front of"):
-        solve(camera_problem("pinhole", (640, 480), seen), state, np.ones(810))
+        solve(rig_problem(("pinhole",), ((640, 480),), seen), state, np.ones(810))
 
 
 def test_each_of_two_boards_is_moved_by_its_own_step():

@@ -10,11 +10,11 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
-from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.planning import Leg, plan
+from path_follower.taught import make_path as path_of
 
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
 LEAD, MAX_GROWTH = 1.0, 1.05
