@@ -72,10 +72,15 @@ def _close(points: Array, spacing: float) -> Array:
 def _resample(points: Array, spacing: float, *, is_closed: bool) -> Array:
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-9)]
     way = arc_lengths(points)
-    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    even = _even(way, spacing)
     if len(points) < 4 or _largest_bend(points) > MAX_BEND:
         return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
     return _spline(way, points, is_closed)(even)
+
+
+def _even(way: Array, spacing: float) -> Array:
+    """Return equal steps of a way, of about `spacing` m, three or more."""
+    return np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
 
 
 def _largest_bend(points: Array) -> float:
@@ -118,7 +123,7 @@ def _measure(points: Array, spacing: float, *, is_closed: bool) -> Curve:
     lengths = np.hypot(*np.diff(points, axis=0).T)
     way = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9))])
     spline = _spline(way, points, is_closed)
-    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    even = _even(way, spacing)
     position, first, second = spline(even), spline(even, 1), spline(even, 2)
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     bend = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3

@@ -167,12 +167,19 @@ def _share(xy: Array) -> Array:
 
 def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, driving: SpeedParams) -> Array:
     """Return the largest speed (M,) at the points of the curve by the given speeds; infinite where unknown."""
-    first, last, _ = part
-    known = np.isfinite(speeds[first : last + 1])
-    if not driving.is_as_taught or not known.any():
+    if not driving.is_as_taught:
         return np.full(len(curve.way), np.inf)
-    share = _share(xy[first : last + 1])[known] * curve.way[-1]
-    return np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), MIN_TAUGHT)
+    order = slice(part[0], part[1] + 1)
+    found = speeds_along(xy[order], speeds[order], curve.way)
+    return np.nan_to_num(np.maximum(found, MIN_TAUGHT), nan=np.inf)
+
+
+def speeds_along(xy: Array, speeds: Array, way: Array) -> Array:
+    """Return the speeds (M,) at ways (M,) m of the curve along points (N, 2) with speeds (N,); NaN without any."""
+    known = np.isfinite(speeds)
+    if not known.any():
+        return np.full(len(way), np.nan)
+    return np.interp(way, _share(xy)[known] * way[-1], speeds[known])
 
 
 def _join(

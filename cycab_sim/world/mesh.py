@@ -155,6 +155,16 @@ def moved(points: Array, placement: Array) -> Array:
     return points @ placement[:3, :3].T + placement[:3, 3]
 
 
+def flat(x0: float, y0: float, x1: float, y1: float, z: float) -> Array:
+    """Return the corners (4, 3) of a rectangle that faces up; down where y1 is below y0."""
+    return np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
+
+
+def upright(x0: float, x1: float, z0: float, z1: float, y: float) -> Array:
+    """Return the corners (4, 3) of a rectangle that faces -y: the street, of a front."""
+    return np.array([[x0, y, z0], [x1, y, z0], [x1, y, z1], [x0, y, z1]])
+
+
 def placed(x: float, y: float, yaw: float, z: float = 0.0) -> Array:
     """Return the matrix (4, 4) of a thing standing at (x, y, z), turned by `yaw` radians."""
     c, s = np.cos(yaw), np.sin(yaw)

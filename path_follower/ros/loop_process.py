@@ -22,7 +22,6 @@ from typing import Any
 from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from path_follower.ros.front import LOOP, FrontNode
@@ -30,8 +29,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import ThrottledLog
-from sphere_nav.ros.qos import STATE
-from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
+from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.run import help_text, in_context, run, until_signal
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
@@ -179,10 +177,11 @@ class LoopShell(RclpyShell):
     callbacks_name = "callbacks of the loop"  # beside those of the front, which has the same name in /diagnostics
 
     def __init__(self, front_class: type[FrontNode], failures: CallbackFailures, setup: dict[str, Any]) -> None:
-        self.topics: dict[str, str] = setup["topics"]
+        rules = [word for topic, name in setup["topics"].items() for word in ("-r", f"{topic}:={name}")]
         super().__init__(
             setup["name"],
             namespace=setup["namespace"],
+            cli_args=["--ros-args", *rules],
             use_global_arguments=False,
             start_parameter_services=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
@@ -210,17 +209,6 @@ class LoopShell(RclpyShell):
     def clock_jumped(self) -> None:
         """Forget everything with a stamp."""
         self.loop.ask("clock_jumped")
-
-    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """Return the name that the front has resolved."""
-        return self.topics.get(topic) or super().resolve_topic_name(topic, only_expand=only_expand)
-
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = STATE) -> LivePublisher:
-        """Publish under the resolved name."""
-        return super().add_publisher(self.topics.get(topic, topic), kind, profile)
-
-    def _source_of(self, wanted: Subscription) -> str:
-        return self.topics.get(wanted.topic, wanted.topic)
 
     def listen(self, wanted: Subscription) -> None:
         """Subscribe to bytes; a message is converted if it is of a reasonable size."""

@@ -22,7 +22,7 @@ from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
-from path_follower.vehicle import Motion, drive
+from path_follower.vehicle import Motion, clip, drive
 from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
@@ -137,12 +137,12 @@ def _steered(
         if s >= reach - 1e-6 or len(poses) * SPACING > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
-        error = min(max(turned, -MAX_OFF_HEADING), MAX_OFF_HEADING)
+        error = clip(turned, MAX_OFF_HEADING)
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
         wheel = math.atan(vehicle.virtual_wheelbase * wanted)
         if is_firm and direction * left * turned > 0.0:
             wheel = -direction * math.copysign(limit, turned)
         if angle is not None:
-            wheel = min(max(wheel, angle - TURN_RATE * SPACING), angle + TURN_RATE * SPACING)
-        angle = min(max(wheel, -limit), limit)
+            wheel = angle + clip(wheel - angle, TURN_RATE * SPACING)
+        angle = clip(wheel, limit)
         poses.append(drive(here, Motion(direction, angle), vehicle.virtual_wheelbase, SPACING))
