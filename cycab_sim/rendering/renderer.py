@@ -21,7 +21,7 @@ from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import MovingScene, PacketScene
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import SkyLight, light_at
-from cycab_sim.rendering.weather import PixelView, Weather
+from cycab_sim.rendering.weather import SHELTER_TEXEL, PixelView, Weather
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
@@ -95,10 +95,11 @@ class Renderer:
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
         (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
         shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
-        self._shadows = ShadowMap(self._scene, shadow, light, middle, self._pool)
-        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams())
-        self._weather.cover(lambda a: ShadowMap(self._scene, (extent, max(a, texel)), light, middle, self._pool))
         self._now = light_at(light, 0.0, 0)
+        self._shadows = ShadowMap(self._scene, shadow, self._now.sun, middle, self._pool)
+        shelter = extent, max(SHELTER_TEXEL, texel)
+        roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle, self._pool)
+        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams(), roof)
 
     def illuminate(self, light: SkyLight) -> None:
         """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""

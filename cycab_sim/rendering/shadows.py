@@ -7,10 +7,8 @@ from threading import Lock
 
 import numpy as np
 
-from cycab_sim.params import LightParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import PacketScene
-from cycab_sim.rendering.sky import light_at
 from sphere_nav.geometry.arrays import Array, Floats
 
 REACH = 400.0  # the sun's rays start this far away, m
@@ -28,7 +26,7 @@ class ShadowMap:
         self,
         scene: PacketScene,
         square: tuple[float, float],
-        light: LightParams,
+        sun: Array,
         center: Array,
         pool: ThreadPoolExecutor,
     ) -> None:
@@ -39,7 +37,7 @@ class ShadowMap:
         self._scene, self._center, self._pool = scene, center, pool
         self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()
-        self.turn(light_at(light, 0.0, 0).sun)
+        self.turn(sun)
 
     def turn(self, sun: Array) -> None:
         """Put the sun elsewhere, by the unit vector (3,) towards it; what moves has to be drawn again."""

@@ -56,11 +56,6 @@ def draw_plan(seed: int) -> Plan:
     return Plan(east=float(rng.uniform(40.0, 48.0)), north=float(rng.uniform(32.0, 38.0)))
 
 
-def path_names() -> tuple[str, ...]:
-    """Return the names that `path` knows."""
-    return ("two_turns", "block", "straight")
-
-
 def taught_path(plan: Plan, name: str) -> Path:
     """Return a path: `two_turns` (M15 fig. 17), `block` (closed, around the centre block) or `straight`."""
     r = TURN_RADIUS
@@ -75,7 +70,7 @@ def taught_path(plan: Plan, name: str) -> Path:
         return Path((corner - east / 2, -LANE, 0.0), half + half, is_closed=True)
     if name == "straight":
         return Path((4.0, -LANE, 0.0), (Piece(30.0),))
-    raise ValueError(f"path: expected one of {', '.join(path_names())}, found {name!r}")
+    raise ValueError(f"path: expected two_turns, block or straight, found {name!r}")
 
 
 @lru_cache(maxsize=1)
