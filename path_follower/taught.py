@@ -128,19 +128,15 @@ def _split(xy: Array, yaw: Array) -> list[tuple[int, int, int]]:
     steps = np.diff(xy, axis=0)
     middle = yaw[:-1] + 0.5 * ((np.diff(yaw) + np.pi) % (2 * np.pi) - np.pi)
     good = np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle))])
-    turns, direction, extreme = [], 0, 0
-    low = high = 0
-    for i, way in enumerate(good):
-        if direction == 0:
-            low, high = (i if way < good[low] else low), (i if way > good[high] else high)
-            if way - good[low] > CUSP_HYSTERESIS or good[high] - way > CUSP_HYSTERESIS:
-                direction, extreme = (1 if way - good[low] > CUSP_HYSTERESIS else -1), i
-        elif direction * (way - good[extreme]) > 0:
-            extreme = i
-        elif direction * (good[extreme] - way) > CUSP_HYSTERESIS:
-            turns.append((extreme, direction))
-            direction, extreme = -direction, i
-    ends = [*turns, (len(xy) - 1, direction or 1)]
+    from scipy.signal import find_peaks  # a part of a second; the process of the control loop splits nothing
+
+    turns = []
+    for direction in (1, -1):
+        _, found = find_peaks(direction * good, prominence=CUSP_HYSTERESIS, plateau_size=0)
+        turns += [(int(first), direction) for first in found["left_edges"]]
+    turns.sort()
+    is_back = turns[-1][1] > 0 if turns else np.max(np.maximum.accumulate(good) - good) > CUSP_HYSTERESIS
+    ends = [*turns, (len(xy) - 1, -1 if is_back else 1)]
     firsts = [0, *(end for end, _ in ends[:-1])]
     return [(first, last, sign) for first, (last, sign) in zip(firsts, ends, strict=True)]
 
