@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+from scipy.special import huber
 
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.constants import FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
@@ -130,9 +131,7 @@ def _cost(errors: Array, weights: Array, huber_px: float) -> float:
     size = np.linalg.norm(errors[weights > 0], axis=-1)
     if not np.all(np.isfinite(size)):
         return float("inf")
-    quadratic = np.minimum(size, huber_px)
-    linear = np.where(size > huber_px, 2.0 * quadratic * (size - quadratic), 0.0)
-    return float(weights[weights > 0] @ (quadratic**2 + linear))
+    return float(2.0 * weights[weights > 0] @ huber(huber_px, size))
 
 
 def _step(H: Array, gradient: Array, damping: float) -> Array:
