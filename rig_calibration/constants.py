@@ -62,7 +62,6 @@ MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halv
 # Refinement by a drive (drive/test_refinement)
 UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise
-MARGIN = 1.0  # px from the border
 NUM_LENS_PIXELS, NUM_LENS_LEVELS = 3_000, 3  # of each level, the most salient
 LENS_STEPS, MIN_LENS_STEP = 12, 0.02  # at a level; in standard deviations, below which a level is done
 FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of focal length and image width; s
