@@ -38,7 +38,7 @@ class LightParams:
 
     sun: str = param(
         "238,43",
-        "where the sun is: azimuth (from x, to the left), elevation (deg), or an hour of 20 May: 9.5h; of a day: 265,9.5h",
+        "where the sun is: azimuth (from x, to the left), elevation (deg); or hour (20 May): 9.5h; of a day: 265,9.5h",
     )
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
     hour_rate: float = param(0.0, "hours that pass in a second, where the sun has an hour", low=0.0, high=1.0)
