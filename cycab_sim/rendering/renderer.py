@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -31,23 +30,19 @@ from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
-def paint_rays(
-    mesh: Mesh,
-    origin: Array,
-    rays: Floats,
-    ranges: Floats,
-    triangles: NDArray[np.int32],
-    cone: Floats,
-    color: Floats,
-) -> None:
-    """Write the linear colour (N, 3) of rays (N, 3) from one origin; arrays: see `locate_surfaces` and `dress`."""
-    points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
-    seeds, rough = np.empty(len(rays), np.uint32), np.empty(len(rays), np.float32)
+def paint_rays(mesh: Mesh, view: PixelView, color: Floats) -> None:
+    """Write the linear colour (N, 3) of what is in view; arrays: see `locate_surfaces` and `dress`."""
+    num = len(view.rays)
+    points, depths = np.empty((8, num), np.float32), np.empty(num, np.float32)
+    seeds, rough = np.empty(num, np.uint32), np.empty(num, np.float32)
     locate_surfaces(
-        origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds
-    )
+        view.origin, view.rays, view.ranges, view.triangles, view.cone,
+        mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds,
+    )  # fmt: skip
     sum_octaves(points, seeds, rough)
-    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color)
+    dress(
+        view.rays, view.triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color
+    )
 
 
 STRIP = 16384  # rays a thread works on at once
@@ -57,15 +52,6 @@ NO_HIT = -1
 MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
 LEAVE = 0.01  # a mirrored ray begins so far from the ground, m
 SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
-
-
-@dataclass(frozen=True)
-class Hits:
-    """What rays (N, 3) met: triangle (N,) i32, -1 for the sky, and range (N,) f32 m."""
-
-    rays: Floats
-    triangles: NDArray[np.int32]
-    ranges: Floats
 
 
 class Renderer:
@@ -132,7 +118,7 @@ class Renderer:
         color = np.empty((height * width, 3), np.float32)
         hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), color)
         if self.params.supersampling > 1:
-            self._refine(origin, rays, cone.reshape(-1), hits, color)
+            self._refine(rays, hits, color)
         image = np.empty((height * width, 1 if is_gray else 3), np.float32)
         gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
         kernels.tone(color, gains, self._curve, image)
@@ -144,7 +130,7 @@ class Renderer:
         """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
         return self._cast(origin, rays)[1]
 
-    def _look(self, origin: Array, rays: Floats, cone: Floats, color: Floats) -> Hits:
+    def _look(self, origin: Array, rays: Floats, cone: Floats, color: Floats) -> PixelView:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
@@ -153,10 +139,11 @@ class Renderer:
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
             triangles[part], ranges[part] = self._cast(origin, rays[part])
-            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, color[part])
+            view = PixelView(origin, rays[part], ranges[part], triangles[part], cone[part])
+            self._shade(view, depths, color[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
-        return Hits(rays, triangles, ranges)
+        return PixelView(origin, rays, ranges, triangles, cone)
 
     def _cast(self, origin: Array, rays: Floats) -> tuple[NDArray[np.int32], Floats]:
         triangles, ranges = self._scene.cast(origin, rays)
@@ -166,23 +153,14 @@ class Renderer:
         triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
         return triangles, ranges
 
-    def _shade(
-        self,
-        origin: Array,
-        hits: Hits,
-        cone: Floats,
-        depths: Floats,
-        color: Floats,
-        is_mirror: bool = False,
-    ) -> None:
+    def _shade(self, view: PixelView, depths: Floats, color: Floats, is_mirror: bool = False) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
-        view = PixelView(origin, hits.rays, hits.ranges, hits.triangles, cone)
-        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
+        paint_rays(m, view, color)
         self._weather.change(view, now, color)
         albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(
-            origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
+            view.origin, view.rays, view.ranges, view.triangles, view.cone, m.normals,
             lamps, depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
         self._weather.add_lamps(view, albedo, color, self.torch, self.measure)
@@ -203,10 +181,11 @@ class Renderer:
         if self._moving is not None:  # all of it is above the ground
             self._moving.scene.cast_nearer(below, seen, triangles, ranges)
         color = np.empty_like(rays)
-        self._shade(below, Hits(seen, triangles, ranges), cone, self._shadows.depths, color, is_mirror=True)
+        mirrored = PixelView(below, seen, ranges, triangles, cone)
+        self._shade(mirrored, self._shadows.depths, color, is_mirror=True)
         return color
 
-    def _refine(self, origin: Array, rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
+    def _refine(self, rays: Floats, hits: PixelView, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""
         n = self.params.supersampling
         shape = rays.shape[:2]
@@ -218,7 +197,7 @@ class Renderer:
         finer = np.empty((len(edges) * n * n, 3), np.float32)
         samples = np.empty_like(finer)
         kernels.split_rays(rays, edges, n, finer)
-        self._look(origin, finer, np.repeat(cone[edges] / np.float32(n), n * n), samples)
+        self._look(hits.origin, finer, np.repeat(hits.cone[edges] / np.float32(n), n * n), samples)
         sums = samples.reshape(-1, n * n, 3).sum(axis=1, dtype=np.float64)
         color[edges] = sums / (n * n)
 

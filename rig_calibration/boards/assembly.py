@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.views import BoardView
 from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE, NUM_ALTERNATIONS
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
@@ -54,12 +55,17 @@ Key = tuple[str, int]  # "camera" or "board", and its index
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A board seen by a camera at an instant, by their indices: `T_camera_board` (K,), one for every turn."""
+    """A board seen by a camera at an instant, as its camera alone explains it.
+
+    Camera and board by their indices; `T_camera_board` (K,), one for every turn; weights (n,) of the view's corners.
+    """
 
     camera: int
-    instant: int
+    instant: str
     board: int
     T_camera_board: SE3
+    view: BoardView
+    weights: Array
 
     @property
     def reach(self) -> float:
@@ -76,14 +82,14 @@ class Assembly:
     boards: dict[int, SE3] = field(default_factory=dict)
 
     @cached_property
-    def by_instant(self) -> dict[int, list[Sighting]]:
+    def by_instant(self) -> dict[str, list[Sighting]]:
         """What was seen at each instant."""
         grouped = defaultdict(list)
         for sighting in self.sightings:
             grouped[sighting.instant].append(sighting)
         return dict(grouped)
 
-    def rig_poses(self, instant: int) -> SE3:
+    def rig_poses(self, instant: str) -> SE3:
         """Return candidates (K,) of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
         placed = [(self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix for s in known]
