@@ -56,8 +56,9 @@ def make_path(
     return replace(found, map_id=map_id).at_cruise(params.speed.cruise)
 
 
-def taught_speeds(points: Array, stamps_ns: Integers, way: float = 0.5) -> Array:
-    """Return the speed (N,) in m/s at points (N, 2) of a drive, over `way` m to both sides: noise does not count."""
+def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
+    """Return the speed (N,) in m/s at points (N, 2) of a drive, over 0.5 m to both sides: noise does not count."""
+    way = 0.5
     driven = arc_lengths(points)
     before = np.maximum(np.searchsorted(driven, driven - way, side="right") - 1, 0)
     after = np.minimum(np.searchsorted(driven, driven + way), len(driven) - 1)

@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
@@ -40,45 +40,29 @@ PRIORITY = 10  # real-time (FIFO) priority of the loop, where the user may (limi
 NICE = -10  # of the loop otherwise, where the user may (limits.conf: nice); wakes up late on a crowded machine
 FRONT_PATIENCE = 1.2  # s for the front to end, after the zero command
 
-Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
 
-
-def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = None, start: Front | None = None) -> int:
-    """Run a loop and its front until told to stop; return 0, or 2 where the front could not start.
-
-    `start` starts the front's process with arguments and two descriptors to inherit, for `front.connected`.
-    """
-    words = sys.argv[1:] if args is None else list(args)
+def run_with_loop(front_class: type[FrontNode]) -> int:
+    """Run a loop and its front until told to stop; return 0, or 2 where the front could not start."""
+    words = sys.argv[1:]
     if LOOP in os.environ:
-        return run(front_class, args)
+        return run(front_class)
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
         return 0
     server = LoopServer(front_class, CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop"))))
-    begin = start or front_process(front_class)
-    with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(words, begin, stopped) as connection:
+    with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(front_class, stopped) as connection:
         return in_context(front_class.NAME, words, lambda: _serve(server, connection, stopped))
 
 
-def front_process(front_class: type[FrontNode]) -> Front:
-    """Return what starts the front as a Python process of its own."""
-
-    def start(words: Sequence[str], connection: int, life: int) -> subprocess.Popen[bytes]:
-        code = f"import sys; from {front_class.__module__} import main; sys.exit(main())"
-        environment = os.environ | {LOOP: f"{connection} {life}"}
-        return subprocess.Popen(
-            [sys.executable, "-P", "-c", code, *words], env=environment, pass_fds=(connection, life)
-        )
-
-    return start
-
-
 @contextmanager
-def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Connection]:
+def _front(front_class: type[FrontNode], stopped: Future) -> Iterator[Connection]:
     """Have a front, which ends with this process, and whose end stops this one; yield the connection to it."""
     ours, theirs = socket.socketpair()
     life, watched = os.pipe()  # the front reads what nobody writes
-    front = start(words, theirs.fileno(), life)
+    inherited = theirs.fileno(), life
+    code = f"import sys; from {front_class.__module__} import main; sys.exit(main())"
+    environment = os.environ | {LOOP: f"{inherited[0]} {inherited[1]}"}
+    front = subprocess.Popen([sys.executable, "-P", "-c", code, *sys.argv[1:]], env=environment, pass_fds=inherited)
     theirs.close()
     os.close(life)
     threading.Thread(target=_await_front, args=(front, stopped), daemon=True).start()
