@@ -16,7 +16,7 @@ from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.rejection import adjust
 from rig_calibration.boards.starting import StartingPoint, camera_observations, start_of_rig
 from rig_calibration.boards.state import RigState
-from rig_calibration.boards.validation import Validation, camera_rms, validate
+from rig_calibration.boards.validation import Validation, validate
 from rig_calibration.boards.views import BoardView
 from rig_calibration.constants import MIN_SEEN
 from sphere_nav.geometry import SE3, Camera
@@ -92,7 +92,7 @@ def calibrate(
     checked = validate(start.problem, state, adjusted.kept)
     notes = warnings(names, found)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
-    notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
+    notes += disagreements(names, singles, state.lenses)
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 

@@ -48,7 +48,6 @@ OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
 MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: beyond, it is worth a warning
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
-ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian

@@ -62,7 +62,7 @@ class PacketScene:
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(scene)
         self._library, self._scene, self._geometry = library, scene, geometry
-        self._arguments = _Arguments(COHERENT, 0xFFFFFFFF)
+        self._arguments = _Arguments(COHERENT, 0xFFFFFFFF), _Arguments(0, 0xFFFFFFFF)  # from one point, from many
         address = ctypes.cast(library.rtcIntersect8, ctypes.c_void_p).value
         self._intersect = kernels.PacketFunction(address)
 
@@ -89,7 +89,7 @@ class PacketScene:
     def cast_nearer(self, origins: Array | Floats, rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
         """Overwrite what was met (N,) where a triangle of this scene is nearer than `ranges`."""
         starts = np.ascontiguousarray(origins, dtype=np.float32).reshape(-1, 3)
-        scene = self._intersect, self._scene.value, ctypes.addressof(self._arguments)
+        scene = self._intersect, self._scene.value, ctypes.addressof(self._arguments[len(starts) > 1])
         kernels.cast_packets(*scene, starts, rays, self._first, triangles, ranges)
 
 

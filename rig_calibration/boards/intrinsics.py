@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals, rms_px, solve
+from rig_calibration.boards.bundle import residuals, solve
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px, view_medians
 from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_state, rig_problem
@@ -47,7 +47,7 @@ def board_pose(rays: Array, points: Array) -> SE3:
 class SingleCamera:
     """One camera calibrated by itself: `T_camera_board` (V,) of all its views, and which corners (N,) fit.
 
-    lens (12,) with its covariance (12, 12) and the RMS residual: what the images of this camera alone say.
+    lens (12,) with its covariance (12, 12): what the images of this camera alone say.
     """
 
     camera: Camera
@@ -55,12 +55,6 @@ class SingleCamera:
     adjusted: Adjusted
     lens: Array
     lens_covariance: Array
-    rms_px: float
-
-    @property
-    def num_views(self) -> int:
-        """Views of the board."""
-        return len(self.T_camera_board.matrix)
 
 
 def calibrate_camera(
@@ -83,11 +77,8 @@ def calibrate_camera(
     better = _replace_poses(problem, adjust(problem, best, kept).solution.state)
     adjusted = adjust(problem, better, kept)
     state = adjusted.solution.state
-    judged = adjusted.solution.residuals, adjusted.kept
-    covariance = spread(problem, state, *judged).lenses[0]
-    return SingleCamera(
-        problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance, rms_px(*judged)
-    )
+    covariance = spread(problem, state, adjusted.solution.residuals, adjusted.kept).lenses[0]
+    return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance)
 
 
 def view_poses(camera: Camera, seen: Observations) -> SE3:
