@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from rig_calibration.boards.bundle import residuals, solve
 from rig_calibration.boards.observability import spread
-from rig_calibration.boards.rejection import Adjusted, adjust, noise_px, view_medians
+from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_state, rig_problem
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
@@ -69,13 +69,14 @@ def calibrate_camera(
     lenses = [first_lens(model, ratio * size[0], center) for ratio in FOCAL_LENGTHS[model]]
     lenses = lenses if start is None else [lens_of(start)]
     states = [camera_state(lens, view_poses(camera_of(model, size, lens, NUM_DISTORTION), seen)) for lens in lenses]
-    states = sorted(states, key=lambda state: float(np.median(_misfits(problem, state))))[:NUM_TRIALS]
-    good = [_settle(problem, state, kept) for state in states if np.all(np.isfinite(residuals(problem, state)))]
+    off = [np.nan_to_num(residuals(problem, state), nan=1e3) for state in states]
+    order = np.argsort([np.median(np.linalg.norm(one, axis=-1)) for one in off], kind="stable")[:NUM_TRIALS]
+    nearest = [states[i] for i in order if np.all(np.isfinite(residuals(problem, states[i])))]
+    good = [_settle(problem, state, kept) for state in nearest]
     if not good:
         raise ValueError(f"expected views that a {model} camera explains, found none of {seen.num_views}")
     best = min(good, key=lambda state: noise_px(residuals(problem, state), kept))
-    better = _replace_poses(problem, adjust(problem, best, kept).solution.state)
-    adjusted = adjust(problem, better, kept)
+    adjusted = adjust(problem, best, kept)
     state = adjusted.solution.state
     covariance = spread(problem, state, adjusted.solution.residuals, adjusted.kept).lenses[0]
     return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance)
@@ -87,23 +88,9 @@ def view_poses(camera: Camera, seen: Observations) -> SE3:
     return SE3(np.stack([board_pose(rays[a:b], seen.points[a:b]).matrix for a, b in ends]))
 
 
-def _misfits(problem: AdjustmentProblem, state: RigState) -> Array:
-    """Return how far corners (N,) are off, px; those behind the camera count as far."""
-    return np.linalg.norm(np.nan_to_num(residuals(problem, state), nan=1e6), axis=-1)
-
-
 def _settle(problem: AdjustmentProblem, state: RigState, kept: Array) -> RigState:
     """Adjust focal length, centre and poses, then the whole lens, for a few steps."""
     simple = problem.held(slice(2, NUM_LENS))
     state = solve(simple, state, kept, 2.0 * noise_px(residuals(problem, state), kept), max_iterations=10).state
     huber_px = 2.0 * noise_px(residuals(problem, state), kept)
     return solve(problem, state, kept, huber_px, max_iterations=15).state
-
-
-def _replace_poses(problem: AdjustmentProblem, state: RigState) -> RigState:
-    """Give each view the pose of its board that its rays allow by themselves, where that one fits better."""
-    seen, kept = problem.seen, np.ones(len(problem.seen.pixels))
-    other = replace(state, T_world_rig=view_poses(problem.camera(state, 0), seen).inverse())
-    before, after = (view_medians(seen, _misfits(problem, one), kept) for one in (state, other))
-    is_better = (after < 0.98 * before)[:, None, None]
-    return replace(state, T_world_rig=SE3(np.where(is_better, other.T_world_rig.matrix, state.T_world_rig.matrix)))
