@@ -7,21 +7,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals, solve
+from rig_calibration.boards.bundle import residuals
 from rig_calibration.boards.observability import spread
-from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
-from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_state, rig_problem
+from rig_calibration.boards.rejection import Adjusted, adjust
+from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
     FOCAL_LENGTHS,
     MIN_AHEAD,
     MIN_CORNERS,
     NUM_DISTORTION,
-    NUM_TRIALS,
 )
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, first_lens, lens_of
+from sphere_nav.geometry.cameras.lens import camera_of, first_lens, lens_of
 
 
 def board_pose(rays: Array, points: Array) -> SE3:
@@ -65,18 +64,14 @@ def calibrate_camera(
 ) -> SingleCamera:
     """Find lens and board poses from the views of one camera; ValueError where no start fits."""
     problem = rig_problem((model,), (size,), seen)
-    kept, center = np.ones(len(seen.pixels)), (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     lenses = [first_lens(model, ratio * size[0], center) for ratio in FOCAL_LENGTHS[model]]
     lenses = lenses if start is None else [lens_of(start)]
     states = [camera_state(lens, view_poses(camera_of(model, size, lens, NUM_DISTORTION), seen)) for lens in lenses]
-    off = [np.nan_to_num(residuals(problem, state), nan=1e3) for state in states]
-    order = np.argsort([np.median(np.linalg.norm(one, axis=-1)) for one in off], kind="stable")[:NUM_TRIALS]
-    nearest = [states[i] for i in order if np.all(np.isfinite(residuals(problem, states[i])))]
-    good = [_settle(problem, state, kept) for state in nearest]
-    if not good:
+    costs = [_misfit(residuals(problem, state)) for state in states]
+    if not np.isfinite(min(costs)):
         raise ValueError(f"expected views that a {model} camera explains, found none of {seen.num_views}")
-    best = min(good, key=lambda state: noise_px(residuals(problem, state), kept))
-    adjusted = adjust(problem, best, kept)
+    adjusted = adjust(problem, states[int(np.argmin(costs))], np.ones(len(seen.pixels)))
     state = adjusted.solution.state
     covariance = spread(problem, state, adjusted.solution.residuals, adjusted.kept).lenses[0]
     return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance)
@@ -88,9 +83,7 @@ def view_poses(camera: Camera, seen: Observations) -> SE3:
     return SE3(np.stack([board_pose(rays[a:b], seen.points[a:b]).matrix for a, b in ends]))
 
 
-def _settle(problem: AdjustmentProblem, state: RigState, kept: Array) -> RigState:
-    """Adjust focal length, centre and poses, then the whole lens, for a few steps."""
-    simple = problem.held(slice(2, NUM_LENS))
-    state = solve(simple, state, kept, 2.0 * noise_px(residuals(problem, state), kept), max_iterations=10).state
-    huber_px = 2.0 * noise_px(residuals(problem, state), kept)
-    return solve(problem, state, kept, huber_px, max_iterations=15).state
+def _misfit(errors: Array) -> float:
+    """Return how far a corner is off in the middle, px; infinite where one is behind the camera."""
+    size = np.linalg.norm(errors, axis=-1)
+    return float(np.median(size)) if np.all(np.isfinite(size)) else np.inf
