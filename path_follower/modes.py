@@ -70,8 +70,8 @@ SLOWLY = Verdict(StopReason.LOCALISATION_DEGRADED, advice="driving slowly until 
 
 # Event -> phase -> the next one, or in one line why not. A phase that is not named is left as it is, and that is done.
 # START and RESUME come here once the inputs allow motion, BACK where `safety.resume` does.
-HALT = {DRIVING: STOPPING, PAUSED: STOPPING, YIELDING: STOPPING, WAITING: STOPPED}
-WAIT = {DRIVING: YIELDING}
+HALT: dict[Phase, Phase | str] = {DRIVING: STOPPING, PAUSED: STOPPING, YIELDING: STOPPING, WAITING: STOPPED}
+WAIT: dict[Phase, Phase | str] = {DRIVING: YIELDING}
 REST = {NO_PATH: IDLE, IDLE: IDLE, WAITING: IDLE, STOPPED: IDLE, FINISHED: IDLE}
 TABLE: dict[Event, dict[Phase, Phase | str]] = {
     Event.START: {

@@ -7,7 +7,7 @@ on the edge that it began on.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -50,8 +50,8 @@ class Route:
 
 def plan(
     network: Network,
-    starts: Iterable[Spot],
-    goals: Iterable[Spot],
+    starts: Sequence[Spot],
+    goals: Sequence[Spot],
     *,
     cruise: float,
     closed: Collection[int] = (),
@@ -62,7 +62,6 @@ def plan(
     `is_round`: to where it starts, once around. Edges that are closed are not driven; a vehicle that stands on one may
     leave it backwards, where that is allowed.
     """
-    goals = list(goals)
     queue: list[tuple[float, int, bool, tuple[Leg, ...]]] = []  # cost, number, whether a goal is reached, legs
     numbers = count()
 
@@ -78,18 +77,18 @@ def plan(
                 part = replace(leg, last=s if ahead > 0.0 else leg.first)
                 heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, (*before, part)))
 
-    for leg in _first(network, list(starts), closed):
+    for leg in _first(network, starts, closed):
         add(0.0, leg)
-    done: set[tuple[int, int]] = set()
+    done: set[tuple[int, int, bool]] = set()
     while queue:
         cost, _, is_end, legs = heapq.heappop(queue)
         if is_end:
             return Route(legs, sum(_pace(network.edges[leg.edge], cruise) * leg.length for leg in legs))
         leg = legs[-1]
-        if len(legs) > 1:
-            if (leg.edge, leg.direction) in done:
-                continue
-            done.add((leg.edge, leg.direction))
+        key = leg.edge, leg.direction, len(legs) == 1  # a part of an edge stands for no whole one
+        if key in done:
+            continue
+        done.add(key)
         for following in _next(network, leg, closed):
             add(cost + CUSP_COST * (following.direction != leg.direction), following, legs)
     named = f" while {', '.join(map(str, sorted(closed)))} are closed" if closed else ""
@@ -101,7 +100,7 @@ def _pace(edge: RouteEdge, cruise: float) -> float:
     return edge.seconds(cruise) / max(edge.length, 1e-9)
 
 
-def _first(network: Network, starts: list[Spot], closed: Collection[int]) -> list[Leg]:
+def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) -> list[Leg]:
     """Return the legs on which it may begin; ValueError where there is none."""
     if not starts:
         raise ValueError("no way: expected a start on the network, found none")

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 from scipy.special import huber
 
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
@@ -135,14 +134,10 @@ def _cost(errors: Array, weights: Array, huber_px: float) -> float:
 
 
 def _step(H: Array, gradient: Array, damping: float) -> Array:
-    """Return the damped step, the smallest of all where the images leave an axis open; zeros where nothing is told."""
+    """Return the damped step; zeros where nothing is told."""
     told = np.flatnonzero(np.diag(H) > 0)
     scale = 1.0 / np.sqrt(np.diag(H)[told])
     scaled = H[np.ix_(told, told)] * scale * scale[:, None] + (damping + TINY) * np.eye(len(told))
     step = np.zeros(len(gradient))
-    try:
-        solved = linalg.cho_solve(linalg.cho_factor(scaled, check_finite=False), scale * gradient[told])
-    except linalg.LinAlgError:
-        solved = linalg.lstsq(scaled, scale * gradient[told])[0]
-    step[told] = -scale * solved
+    step[told] = -scale * np.linalg.solve(scaled, scale * gradient[told])
     return step

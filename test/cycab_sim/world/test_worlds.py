@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cycab_sim.simulator import Simulator
+from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
@@ -38,3 +39,11 @@ def test_the_block_is_closed():
     start, end = path.at(np.array([0.0, path.length - 1e-9]))
     np.testing.assert_allclose(end[:2], start[:2], atol=1e-6)
     assert path.length > 120.0
+
+
+def test_a_path_turns_by_its_radius_and_goes_straight_on_beyond_its_ends():
+    path = Path((1.0, 2.0, 0.0), (Piece(5.0), turn(4.0, 90)))
+    before, corner, beyond = path.at(np.array([-1.0, 5.0, path.length + 2.0]))
+    np.testing.assert_allclose(before, [0.0, 2.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(corner, [6.0, 2.0, 0.0, 0.25], atol=1e-12)
+    np.testing.assert_allclose(beyond, [10.0, 8.0, np.pi / 2, 0.25], atol=1e-12)
