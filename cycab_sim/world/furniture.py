@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed, upright
+from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, flat, moved, placed, upright
 from sphere_nav.geometry.arrays import Array, Integers
 
 SPRAYS = 220  # leaves around a lump of foliage
@@ -201,15 +201,10 @@ def add_frustum(
     y: float = 0.0,
 ) -> None:
     """Add a hull between two rectangles (x0, x1, half width, z) around a line y m to the left, without its floor."""
-    p = np.array([*_rectangle(*low), *_rectangle(*top)])
+    p = np.concatenate([flat(x0, -half, x1, half, z) for x0, x1, half, z in (low, top)])
     p[:, 1] += y
     sides = p[[[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]]
     mesh.panels(moved(sides, at), finish)
-
-
-def _rectangle(x0: float, x1: float, half: float, z: float) -> list[list[float]]:
-    """Return the corners of a level rectangle around the x axis."""
-    return [[x0, -half, z], [x1, -half, z], [x1, half, z], [x0, half, z]]
 
 
 def add_prism(

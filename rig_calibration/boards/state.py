@@ -54,11 +54,9 @@ class AdjustmentProblem:
         """Return a camera as its model."""
         return camera_of(self.models[index], self.sizes[index], state.lenses[index], NUM_DISTORTION)
 
-    def held(self, what: slice = slice(None)) -> AdjustmentProblem:
-        """Return the problem with some of the shared parameters held, or all of them."""
-        free = self.is_free.copy()
-        free[what] = False
-        return replace(self, is_free=free)
+    def held(self) -> AdjustmentProblem:
+        """Return the problem with all shared parameters held."""
+        return replace(self, is_free=np.zeros_like(self.is_free))
 
 
 def rig_problem(
