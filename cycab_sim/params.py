@@ -38,7 +38,7 @@ class LightParams:
 
     sun: str = param(
         "238,43",
-        "where the sun is: azimuth (from x, to the left), elevation (deg), or an hour: 9.5h; of a day: 265,9.5h",
+        "where the sun is: azimuth (from x, to the left), elevation (deg); or hour (20 May): 9.5h; of a day: 265,9.5h",
     )
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
     hour_rate: float = param(0.0, "hours that pass in a second, where the sun has an hour", low=0.0, high=1.0)
@@ -52,7 +52,7 @@ class LightParams:
 
     @property
     def has_hour(self) -> bool:
-        """Whether an hour decides where the sun is; it does not set if the hour is of no day (end of May)."""
+        """Whether an hour decides where the sun is."""
         return self.sun.endswith("h")
 
     @property
@@ -63,11 +63,9 @@ class LightParams:
 
     @property
     def day_and_hour(self) -> tuple[float, float]:
-        """Day of the year, 0 where none is given, and solar time, h."""
+        """Day of the year, 20 May where none is given, and solar time, h."""
         text = self.sun.removesuffix("h")
-        day, hour = split_numbers(
-            "light.sun", text if "," in text else f"0,{text}", "day,hour", (0.0, 0.0), (366.0, 24.0)
-        )
+        day, hour = split_numbers("light.sun", text if "," in text else f"140,{text}", "day,hour", (1, 0), (366, 24))
         return day, hour
 
 

@@ -191,8 +191,8 @@ class Schedule:
         self._periods |= {name: p.period for name, p in (("imu", params.imu), ("scan", params.scan)) if p.is_on}
         has = {"sphere": params.sphere.width > 0, "rig": params.rig.kind != "none"}
         names = [name for name in has if has[name] and params.capture.when in ("always", params.mode)]
-        self._distances = dict.fromkeys(names, params.capture.distance)
-        self._ways = dict(self._distances)  # all are due at the start
+        self._distance = params.capture.distance
+        self._ways = dict.fromkeys(names, self._distance)  # all are due at the start
         self.count = dict.fromkeys(NAMES, -1)
 
     def advance(self, way: float) -> None:
@@ -203,8 +203,8 @@ class Schedule:
     def take(self, now_ns: int) -> list[str]:
         """Return what is due now and mark it as done."""
         due = [name for name, period in self._periods.items() if self._is_time(name, period, now_ns)]
-        for name, distance in self._distances.items():
-            if self._ways[name] >= distance - 1e-9:
+        for name, way in self._ways.items():
+            if way >= self._distance - 1e-9:
                 due.append(name)
                 self._ways[name] = 0.0
         for name in due:

@@ -9,7 +9,7 @@ from path_follower.command import Command, FollowerReport, TrackingError, report
 from path_follower.constants import CREEP, GOAL_TOLERANCE, SEARCH_WINDOW
 from path_follower.modes import SLOWLY, Event, FollowerState
 from path_follower.path import Pose2
-from path_follower.reasons import FINE, StopReason, first_of
+from path_follower.reasons import FINE, StopReason
 from path_follower.speed import bounded_speed, eased_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
@@ -87,8 +87,7 @@ class Follower(Arming):
         """Return the first reason against motion."""
         if inputs is not FINE or tracking is None or self.path is None:
             return inputs
-        place = first_of(self.watch.judge_map(self.path), self.watch.judge_place(tracking.location))
-        return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
+        return self.watch.judge_path(self.path, tracking.location, self.limiter.last.speed)
 
     def _follow_verdict(self, verdict: Verdict, now_ns: int) -> None:
         """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""

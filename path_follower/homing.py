@@ -16,6 +16,7 @@ from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, blocked, first_of, over
+from path_follower.vehicle import clip
 from sphere_nav.localization.status import State, Verdict
 
 
@@ -91,7 +92,7 @@ class HomingFollower(Follower):
             return 0.0, None
         age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, MAX_POSE_AGE)
         turned = self.limiter.last.yaw_rate(self.params.vehicle.virtual_wheelbase) * age
-        angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
+        angle = clip(self.direction - turned, math.pi / 2)
         curvature = 2.0 * math.sin(angle) / self.params.homing.look_ahead
         slow = self.params.speed.slow if self.watch.state == State.DEGRADED else self.params.homing.speed
         if self.is_there:

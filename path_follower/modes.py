@@ -70,8 +70,8 @@ SLOWLY = Verdict(StopReason.LOCALISATION_DEGRADED, advice="driving slowly until 
 
 # Event -> phase -> the next one, or in one line why not. A phase that is not named is left as it is, and that is done.
 # START and RESUME come here once the inputs allow motion, BACK where `safety.resume` does.
-HALT = {DRIVING: STOPPING, PAUSED: STOPPING, YIELDING: STOPPING, WAITING: STOPPED}
-WAIT = {DRIVING: YIELDING}
+HALT: dict[Phase, Phase | str] = {DRIVING: STOPPING, PAUSED: STOPPING, YIELDING: STOPPING, WAITING: STOPPED}
+WAIT: dict[Phase, Phase | str] = {DRIVING: YIELDING}
 REST = {NO_PATH: IDLE, IDLE: IDLE, WAITING: IDLE, STOPPED: IDLE, FINISHED: IDLE}
 TABLE: dict[Event, dict[Phase, Phase | str]] = {
     Event.START: {
@@ -88,18 +88,18 @@ TABLE: dict[Event, dict[Phase, Phase | str]] = {
         **dict.fromkeys((DRIVING, PAUSED, YIELDING, WAITING), PAUSED),
         **dict.fromkeys((NO_PATH, IDLE, STOPPING, STOPPED, FINISHED), NO_PAUSE),
     },
-    Event.STOP: {**HALT},
-    Event.PRESS: {**HALT},
+    Event.STOP: HALT,
+    Event.PRESS: HALT,
     Event.RELEASE: {},
     Event.LOAD: {**REST, **dict.fromkeys((DRIVING, PAUSED, YIELDING, STOPPING), MOVING)},
     Event.CLEAR: {
         **dict.fromkeys(REST, NO_PATH),
         **dict.fromkeys((DRIVING, PAUSED, YIELDING, STOPPING), MOVING),
     },
-    Event.RESET: {**HALT},
+    Event.RESET: HALT,
     Event.LEAVE: {**dict.fromkeys((DRIVING, PAUSED, YIELDING, WAITING, STOPPING), STOPPED)},
-    Event.MISSING: {**WAIT},
-    Event.BLOCKED: {**WAIT},
+    Event.MISSING: WAIT,
+    Event.BLOCKED: WAIT,
     Event.WRONG: {DRIVING: STOPPING, YIELDING: STOPPING, WAITING: STOPPED},
     Event.BACK: {YIELDING: DRIVING, WAITING: DRIVING},
     Event.STANDS: {YIELDING: WAITING, STOPPING: STOPPED},

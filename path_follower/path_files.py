@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 from path_follower.constants import MAX_LINE_GAP, MAX_POINTS
 from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import reference_path, taught_speeds, told_headings
+from path_follower.taught import make_path, taught_speeds, told_headings
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import (
     load_json,
@@ -66,22 +66,6 @@ def read_given(file: Path) -> Given:
         expected = "a .csv, .tum, .yaml or .geojson file"
         raise ValueError(f"{file}: expected {expected}, found {file.suffix or 'no ending'}")
     return readers[file.suffix](file)
-
-
-def make_path(
-    points: Array,
-    yaw: Array | None,
-    speed: Array | None,
-    params: FollowerParams,
-    *,
-    is_closed: bool = False,
-    map_id: str = "",
-) -> ReferencePath:
-    """Return `reference_path` with the groups of the follower's parameters; `map_id`: of the map it was taught in."""
-    path = reference_path(
-        points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
-    )
-    return replace(path, map_id=map_id)
 
 
 def _read_tum(file: Path) -> Given:

@@ -115,6 +115,11 @@ class SafetyMonitor:
             over(StopReason.OFF_PATH, abs(location.heading_error), MAX_OFF_HEADING),
         )
 
+    def judge_path(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
+        """Return the first reason against motion from a place on a path at a speed: its map, the place, the way."""
+        place = first_of(self.judge_map(path), self.judge_place(location))
+        return self.judge_way(path, location, speed) if place is FINE else place
+
     def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
         """Return whether something stands in the way: in the footprint swept until the vehicle could stop."""
         if not len(self.points) or self.pose is None:
@@ -126,17 +131,12 @@ class SafetyMonitor:
     def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
         assert self.pose is not None
-        if (other := self.judge_map(path)) is not FINE:
-            return other, None
-        if last is not None:
-            near = path.advance(self.pose, last, SEARCH_WINDOW)
-            if self.judge_place(near) is FINE:
-                return self.judge_way(path, near, 0.0), near
-        here = path.locate(self.pose)
+        here = path.advance(self.pose, last, SEARCH_WINDOW) if last is not None else None
+        if here is None or self.judge_place(here) is not FINE:
+            here = path.locate(self.pose)
         if here is None:
-            return Verdict(StopReason.OFF_PATH, math.pi, MAX_OFF_HEADING), None
-        far = over(StopReason.OFF_PATH, here.distance, self.params.safety.max_distance)
-        return (self.judge_way(path, here, 0.0), here) if far is FINE else (far, None)
+            return first_of(self.judge_map(path), Verdict(StopReason.OFF_PATH, math.pi, MAX_OFF_HEADING)), None
+        return self.judge_path(path, here, 0.0), here
 
     def _judge_status(self, now_ns: int) -> Verdict:
         limits, lost = self.params.safety, StopReason.NOT_LOCALISED

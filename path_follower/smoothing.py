@@ -29,15 +29,15 @@ def smooth_curve(points: Array, params: PathParams, *, is_closed: bool) -> Curve
     Steps: dense points are averaged over `MIN_SPACING`; a spline gives equal spacing; a low-pass filter removes
     bends below `smoothing_length`; a spline through the result gives tangent and curvature.
     """
-    coarse = _average(points, MIN_SPACING)
+    coarse = _average(points)
     if is_closed:
-        coarse = _close(coarse, MIN_SPACING)
-    even = _resample(coarse, SPACING, is_closed=is_closed)
+        coarse = _close(coarse)
+    even = _resample(coarse, is_closed=is_closed)
     if params.smoothing_length > 0:
         filtered = _filter_closed if is_closed else _filter_open
         step = float(np.median(np.linalg.norm(np.diff(even, axis=0), axis=-1)))
         even = filtered(even, cutoff_weight(params.smoothing_length, step))
-    return _measure(even, SPACING, is_closed=is_closed)
+    return _measure(even, is_closed=is_closed)
 
 
 def cutoff_weight(wavelength: float, spacing: float) -> float:
@@ -49,33 +49,38 @@ def cutoff_weight(wavelength: float, spacing: float) -> float:
     return float((2.0 * np.sin(np.pi * spacing / max(wavelength, 2.0 * spacing))) ** -6)
 
 
-def _average(points: Array, spacing: float) -> Array:
-    """Average runs of points (N, 2) that stay within `spacing` of the first of the run; both ends stay as they are."""
+def _average(points: Array) -> Array:
+    """Average runs of points (N, 2) that stay near the first of the run; both ends stay as they are."""
     bins, run = [], [points[0]]
     for point in points[1:]:
-        if np.hypot(*(point - run[0])) >= spacing:
+        if np.hypot(*(point - run[0])) >= MIN_SPACING:
             bins.append(np.mean(run, axis=0))
             run = []
         run.append(point)
     bins.append(np.mean(run, axis=0))
-    inner = [p for p in bins[1:-1] if min(np.hypot(*(p - points[0])), np.hypot(*(p - points[-1]))) > spacing / 2]
+    inner = [p for p in bins[1:-1] if min(np.hypot(*(p - points[0])), np.hypot(*(p - points[-1]))) > MIN_SPACING / 2]
     return np.array([points[0], *inner, points[-1]]) if len(bins) > 1 else points[[0, -1]]
 
 
-def _close(points: Array, spacing: float) -> Array:
+def _close(points: Array) -> Array:
     """Repeat the first point at the end, in place of a last one that nearly closes the ring."""
-    while len(points) > 3 and np.hypot(*(points[-1] - points[0])) < spacing:
+    while len(points) > 3 and np.hypot(*(points[-1] - points[0])) < MIN_SPACING:
         points = points[:-1]
     return np.concatenate([points, points[:1]])
 
 
-def _resample(points: Array, spacing: float, *, is_closed: bool) -> Array:
+def _resample(points: Array, *, is_closed: bool) -> Array:
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-9)]
     way = arc_lengths(points)
-    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    even = _even(way)
     if len(points) < 4 or _largest_bend(points) > MAX_BEND:
         return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
     return _spline(way, points, is_closed)(even)
+
+
+def _even(way: Array) -> Array:
+    """Return equal steps of a way, of about `SPACING` m, three or more."""
+    return np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / SPACING)), 3) + 1)
 
 
 def _largest_bend(points: Array) -> float:
@@ -114,11 +119,11 @@ def _filter_closed(points: Array, weight: float) -> Array:
     return np.concatenate([smooth, smooth[:1]])
 
 
-def _measure(points: Array, spacing: float, *, is_closed: bool) -> Curve:
+def _measure(points: Array, *, is_closed: bool) -> Curve:
     lengths = np.hypot(*np.diff(points, axis=0).T)
     way = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9))])
     spline = _spline(way, points, is_closed)
-    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    even = _even(way)
     position, first, second = spline(even), spline(even, 1), spline(even, 2)
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     bend = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from path_follower.constants import MAX_BANDWIDTH, MAX_OFF_HEADING
 from path_follower.params import SteeringParams
 from path_follower.path import Pose2, ReferencePoint, between
+from path_follower.vehicle import clip
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,6 @@ def curvature_law(reference: ReferencePoint, errors: Errors, params: SteeringPar
     """
     frequency = math.sqrt(params.k_y) * abs(speed)
     factor = min(1.0, MAX_BANDWIDTH / frequency) if frequency > 0 else 1.0
-    yaw = min(max(errors.yaw, -MAX_OFF_HEADING), MAX_OFF_HEADING)
+    yaw = clip(errors.yaw, MAX_OFF_HEADING)
     lateral = params.k_y * factor**2 * errors.lateral
     return reference.curvature - lateral - reference.direction * params.k_psi * factor * math.tan(yaw)

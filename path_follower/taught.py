@@ -16,33 +16,33 @@ from path_follower.constants import (
     MIN_LENGTH,
     MIN_TAUGHT,
 )
-from path_follower.params import PathParams, SpeedParams, VehicleParams
+from path_follower.params import FollowerParams, SpeedParams
 from path_follower.path import ReferencePath, Segment, turned_by
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
 
-def reference_path(
+def make_path(
     points: ArrayLike,
-    yaw: ArrayLike | None = None,
-    speed: ArrayLike | None = None,
+    yaw: ArrayLike | None,
+    speed: ArrayLike | None,
+    params: FollowerParams,
     *,
-    path: PathParams,
-    driving: SpeedParams,
-    vehicle: VehicleParams,
     is_closed: bool = False,
+    map_id: str = "",
 ) -> ReferencePath:
     """Make the trajectory from points (N, 2) in m in order of driving, headings (N,) and speeds (N,) where known.
 
     Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds;
-    NaN where unknown. ValueError for what cannot be driven.
+    NaN where unknown. `map_id`: of the map it was taught in. ValueError for what cannot be driven.
     """
+    path = params.path
     xy, headings, speeds = _check(points, yaw, speed)
     is_closed = is_closed or path.is_closed
     if is_closed:
         _check_ring(xy)
-    parts = _split(xy, headings, CUSP_HYSTERESIS) if headings is not None else [(0, len(xy) - 1, 1)]
+    parts = _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]
     if is_closed and len(parts) > 1:
         raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
     if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
@@ -51,12 +51,14 @@ def reference_path(
     for (first, last, direction), curve in zip(parts, curves, strict=True):
         if headings is not None:
             _check_heading(xy[first : last + 1], headings[first : last + 1], curve, direction)
-    bounds = [_bound(xy, speeds, part, curve, driving) for part, curve in zip(parts, curves, strict=True)]
-    return _join(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
+    bounds = [_bound(xy, speeds, part, curve, params.speed) for part, curve in zip(parts, curves, strict=True)]
+    found = _join(curves, [direction for _, _, direction in parts], bounds, params, is_closed)
+    return replace(found, map_id=map_id).at_cruise(params.speed.cruise)
 
 
-def taught_speeds(points: Array, stamps_ns: Integers, way: float = 0.5) -> Array:
-    """Return the speed (N,) in m/s at points (N, 2) of a drive, over `way` m to both sides: noise does not count."""
+def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
+    """Return the speed (N,) in m/s at points (N, 2) of a drive, over 0.5 m to both sides: noise does not count."""
+    way = 0.5
     driven = arc_lengths(points)
     before = np.maximum(np.searchsorted(driven, driven - way, side="right") - 1, 0)
     after = np.minimum(np.searchsorted(driven, driven + way), len(driven) - 1)
@@ -74,7 +76,7 @@ def told_headings(xy: Array, turns: Array) -> Array | None:
     yaw: Array = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     told = np.any(turns[:, :3] != 0.0, axis=1)
     is_told = np.any(told[1:-1] if len(yaw) > 2 else told[:1])
-    return yaw if is_told or len(_split(xy, yaw, CUSP_HYSTERESIS)) > 1 else None
+    return yaw if is_told or len(_split(xy, yaw)) > 1 else None
 
 
 def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
@@ -118,7 +120,7 @@ def _is_across(xy: Array, yaw: float) -> bool:
     return bool(np.sum(length[along < np.cos(MAX_SIDEWAYS) * length]) > 0.02 * length.sum())
 
 
-def _split(xy: Array, yaw: Array, hysteresis: float) -> list[tuple[int, int, int]]:
+def _split(xy: Array, yaw: Array) -> list[tuple[int, int, int]]:
     """Return (first, last, direction) of runs in one direction: between the turning points of the way made good.
 
     The way made good is the sum of steps along the heading; noise telescopes away, and a turning point counts once
@@ -127,19 +129,15 @@ def _split(xy: Array, yaw: Array, hysteresis: float) -> list[tuple[int, int, int
     steps = np.diff(xy, axis=0)
     middle = yaw[:-1] + 0.5 * ((np.diff(yaw) + np.pi) % (2 * np.pi) - np.pi)
     good = np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle))])
-    turns, direction, extreme = [], 0, 0
-    low = high = 0
-    for i, way in enumerate(good):
-        if direction == 0:
-            low, high = (i if way < good[low] else low), (i if way > good[high] else high)
-            if way - good[low] > hysteresis or good[high] - way > hysteresis:
-                direction, extreme = (1 if way - good[low] > hysteresis else -1), i
-        elif direction * (way - good[extreme]) > 0:
-            extreme = i
-        elif direction * (good[extreme] - way) > hysteresis:
-            turns.append((extreme, direction))
-            direction, extreme = -direction, i
-    ends = [*turns, (len(xy) - 1, direction or 1)]
+    from scipy.signal import find_peaks  # a part of a second; the process of the control loop splits nothing
+
+    turns = []
+    for direction in (1, -1):
+        _, found = find_peaks(direction * good, prominence=CUSP_HYSTERESIS, plateau_size=0)
+        turns += [(int(first), direction) for first in found["left_edges"]]
+    turns.sort()
+    is_back = turns[-1][1] > 0 if turns else np.max(np.maximum.accumulate(good) - good) > CUSP_HYSTERESIS
+    ends = [*turns, (len(xy) - 1, -1 if is_back else 1)]
     firsts = [0, *(end for end, _ in ends[:-1])]
     return [(first, last, sign) for first, (last, sign) in zip(firsts, ends, strict=True)]
 
@@ -166,23 +164,30 @@ def _share(xy: Array) -> Array:
 
 def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, driving: SpeedParams) -> Array:
     """Return the largest speed (M,) at the points of the curve by the given speeds; infinite where unknown."""
-    first, last, _ = part
-    known = np.isfinite(speeds[first : last + 1])
-    if not driving.is_as_taught or not known.any():
+    if not driving.is_as_taught:
         return np.full(len(curve.way), np.inf)
-    share = _share(xy[first : last + 1])[known] * curve.way[-1]
-    return np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), MIN_TAUGHT)
+    order = slice(part[0], part[1] + 1)
+    found = speeds_along(xy[order], speeds[order], curve.way)
+    return np.nan_to_num(np.maximum(found, MIN_TAUGHT), nan=np.inf)
+
+
+def speeds_along(xy: Array, speeds: Array, way: Array) -> Array:
+    """Return the speeds (M,) at ways (M,) m of the curve along points (N, 2) with speeds (N,); NaN without any."""
+    known = np.isfinite(speeds)
+    if not known.any():
+        return np.full(len(way), np.nan)
+    return np.interp(way, _share(xy)[known] * way[-1], speeds[known])
 
 
 def _join(
     curves: list[Curve],
     directions: list[int],
     bounds: list[Array],
-    driving: SpeedParams,
-    vehicle: VehicleParams,
+    params: FollowerParams,
     is_closed: bool,
 ) -> ReferencePath:
-    unhurried = replace(driving, cruise=vehicle.max_speed)
+    vehicle = params.vehicle
+    unhurried = replace(params.speed, cruise=vehicle.max_speed)
     segments: list[Segment] = []
     columns: list[tuple[Array, ...]] = []
     begin, start = 0, 0.0
@@ -194,4 +199,4 @@ def _join(
         columns.append((curve.x, curve.y, yaw, direction * curve.bend, start + curve.way, speed))
         begin, start = begin + len(curve.way), start + float(curve.way[-1])
     x, y, yaw, bend, way, speed = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments), is_closed).at_cruise(driving.cruise)
+    return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments), is_closed)

@@ -77,7 +77,7 @@ class Limiter:
             self.last_ns = now_ns  # a stamp had run ahead: what follows must not wait for it
         seconds = 0.0 if self.last_ns is None else min(max(now_ns - self.last_ns, 0), MAX_STEP_NS) / 1e9
         wanted = self.last.steering_angle if curvature is None else self._angle(curvature)
-        goal = _clip(speed, limits.max_speed) if math.isfinite(speed) else 0.0
+        goal = clip(speed, limits.max_speed) if math.isfinite(speed) else 0.0
         if is_stop:
             self.gain = min(self.gain, 0.0)
         new_speed = self._towards(goal, seconds, is_hard=is_hard)
@@ -101,7 +101,7 @@ class Limiter:
     def _angle(self, curvature: float) -> float:
         if not math.isfinite(curvature):
             return self.last.steering_angle
-        return _clip(math.atan(self.params.virtual_wheelbase * curvature), self.params.max_steering_angle)
+        return clip(math.atan(self.params.virtual_wheelbase * curvature), self.params.max_steering_angle)
 
     def _towards(self, goal: float, seconds: float, *, is_hard: bool) -> float:
         """Return the speed after a time, eased into the goal; a stop for safety brakes at once."""
@@ -231,5 +231,6 @@ def _share(seconds: float, lag: float) -> float:
     return 1.0 - math.exp(-seconds / lag) if lag > 0 else 1.0
 
 
-def _clip(value: float, limit: float) -> float:
+def clip(value: float, limit: float) -> float:
+    """Return a value within +-limit."""
     return min(max(value, -limit), limit)

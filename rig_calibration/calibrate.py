@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rig_calibration.boards.assembly import Sighting, board_turns
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.checks import check_views, disagreements
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
 from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.rejection import adjust
-from rig_calibration.boards.starting import FittedView, StartingPoint, camera_observations, start_of_rig
+from rig_calibration.boards.starting import StartingPoint, camera_observations, start_of_rig
 from rig_calibration.boards.state import RigState
-from rig_calibration.boards.validation import Validation, camera_rms, validate
+from rig_calibration.boards.validation import Validation, validate
 from rig_calibration.boards.views import BoardView
 from rig_calibration.constants import MIN_SEEN
 from sphere_nav.geometry import SE3, Camera
@@ -79,9 +80,9 @@ def calibrate(
     """
     names = [spec.name for spec in specs]
     check_views(names, boards, views)
-    singles, fitted, dropped = _each_camera(specs, boards, views, progress)
+    singles, seen, dropped = _each_camera(specs, boards, views, progress)
     progress("joining the cameras")
-    start = start_of_rig(names, boards, fitted, singles, T_rig_reference)
+    start = start_of_rig(names, boards, seen, singles, T_rig_reference)
     adjusted = adjust(start.problem, start.state, start.kept, progress)
     state = adjusted.solution.state
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
@@ -91,7 +92,7 @@ def calibrate(
     checked = validate(start.problem, state, adjusted.kept)
     notes = warnings(names, found)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
-    notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
+    notes += disagreements(names, singles, state.lenses)
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 
@@ -100,11 +101,12 @@ def _each_camera(
     boards: Sequence[Board],
     views: Sequence[BoardView],
     progress: Progress,
-) -> tuple[list[SingleCamera], list[FittedView], dict[str, str]]:
+) -> tuple[list[SingleCamera], list[Sighting], dict[str, str]]:
     """Calibrate every camera by itself; return the views that fit, and why the others do not."""
-    by_name = {board.name: board for board in boards}
+    by_name, order = {board.name: board for board in boards}, [board.name for board in boards]
+    turns = {board.name: board_turns(board).inverse() for board in boards}
     singles, good, dropped = [], [], {}
-    for spec in specs:
+    for camera, spec in enumerate(specs):
         progress(f"camera {spec.name}")
         own = [view for view in views if view.camera == spec.name and len(view.corners) >= MIN_SEEN]
         seen = camera_observations(own, by_name)
@@ -114,7 +116,8 @@ def _each_camera(
         weights = np.split(single.adjusted.kept, seen.starts[1:-1])
         for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
             if np.any(weight > 0):
-                good.append(FittedView(view, single.T_camera_board[index], weight))
+                T = single.T_camera_board[index] @ turns[view.board]
+                good.append(Sighting(camera, view.instant, order.index(view.board), T, view, weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")
     return singles, good, dropped

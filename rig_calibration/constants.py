@@ -22,11 +22,9 @@ MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 # Start of one camera (test_calibrate, test_adjustment): pixels per radian on its axis by the image's width
 FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15)}
 FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni", "ocam"), np.geomspace(0.12, 1.2, 13))
-NUM_TRIALS = 3  # best of them that are adjusted
 MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
 
 # Joining cameras and boards (boards/test_assembly)
-NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
@@ -48,7 +46,6 @@ OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
 MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: beyond, it is worth a warning
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
-ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
@@ -62,7 +59,6 @@ MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halv
 # Refinement by a drive (drive/test_refinement)
 UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise
-MARGIN = 1.0  # px from the border
 NUM_LENS_PIXELS, NUM_LENS_LEVELS = 3_000, 3  # of each level, the most salient
 LENS_STEPS, MIN_LENS_STEP = 12, 0.02  # at a level; in standard deviations, below which a level is done
 FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of focal length and image width; s

@@ -19,8 +19,8 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, compose_poses
-from path_follower.path_files import make_path
 from path_follower.reasons import StopReason
+from path_follower.taught import make_path
 from sphere_nav.geometry.arrays import Array
 
 LENGTH_M = 150.0  # of each drive

@@ -7,9 +7,8 @@ import re
 from functools import cache
 from pathlib import Path
 
+import embreex.rtcore_scene  # noqa: F401  loads the library
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from cycab_sim.rendering import kernels
@@ -22,7 +21,6 @@ DYNAMIC, ROBUST = 1, 4  # flags of a scene
 LOW_QUALITY, HIGH_QUALITY, TRIANGLES = 0, 2, 0
 INDICES, VERTICES = (0, 0x5003), (1, 0x9003)  # kinds of buffers and their formats: 3 x u4, 3 x f4
 COHERENT = 1 << 16
-MIN_VERSION, VERSION, NATIVE_8 = 40000, 0, 33
 
 
 class _Arguments(ctypes.Structure):
@@ -37,13 +35,14 @@ class _Arguments(ctypes.Structure):
 
 
 class PacketScene:
-    """Triangles (T, 3, 3) f32 m; `cast` finds the first that rays from one point meet. Threads may share it.
+    """Triangles (T, 3, 3) f32 m; `cast` finds the first that rays meet. Threads may share it.
 
-    Those of a scene that is moving can be put elsewhere, while nobody casts.
+    Those of a scene that is moving can be put elsewhere, while nobody casts. They are numbered from `first` on.
     """
 
-    def __init__(self, library: ctypes.CDLL, triangles: Floats, is_moving: bool = False) -> None:
-        device = _device(library)
+    def __init__(self, triangles: Floats, first: int = 0, is_moving: bool = False) -> None:
+        library, device = load_library()
+        self._first = first
         self._vertices = np.zeros((3 * len(triangles) + 2, 3), np.float32)  # read 16 bytes at a time
         self._vertices[:-2] = triangles.reshape(-1, 3)
         self._indices = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
@@ -63,7 +62,7 @@ class PacketScene:
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(scene)
         self._library, self._scene, self._geometry = library, scene, geometry
-        self._arguments = _Arguments(COHERENT, 0xFFFFFFFF)
+        self._arguments = _Arguments(COHERENT, 0xFFFFFFFF), _Arguments(0, 0xFFFFFFFF)  # from one point, from many
         address = ctypes.cast(library.rtcIntersect8, ctypes.c_void_p).value
         self._intersect = kernels.PacketFunction(address)
 
@@ -78,30 +77,20 @@ class PacketScene:
         self._library.rtcCommitGeometry(self._geometry)
         self._library.rtcCommitScene(self._scene)
 
-    def cast(
-        self,
-        origin: Array,
-        rays: Floats,
-        triangles: NDArray[np.int32],
-        ranges: Floats,
-    ) -> None:
-        """Write the number (N,) of the first triangle, -1: none, and its range (N,) m along unit rays (N, 3)."""
-        triangles[:], ranges[:] = -1, np.inf
-        self.cast_nearer(origin, rays, 0, triangles, ranges)
+    def cast(self, origins: Array | Floats, rays: Floats) -> tuple[NDArray[np.int32], Floats]:
+        """Return the number (N,) of the first triangle, -1: none, and its range (N,) m, along unit rays (N, 3).
 
-    def cast_nearer(
-        self,
-        origin: Array,
-        rays: Floats,
-        first_number: int,
-        triangles: NDArray[np.int32],
-        ranges: Floats,
-    ) -> None:
-        """Overwrite what was met (N,) where a triangle of this scene is nearer than `ranges`, first_number added."""
-        arguments = ctypes.addressof(self._arguments)
-        kernels.cast_packets(
-            self._intersect, self._scene.value, arguments, origin, rays, first_number, triangles, ranges
-        )
+        They begin at one point (3,) m, or at a point each (N, 3).
+        """
+        triangles, ranges = np.full(len(rays), -1, np.int32), np.full(len(rays), np.inf, np.float32)
+        self.cast_nearer(origins, rays, triangles, ranges)
+        return triangles, ranges
+
+    def cast_nearer(self, origins: Array | Floats, rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
+        """Overwrite what was met (N,) where a triangle of this scene is nearer than `ranges`."""
+        starts = np.ascontiguousarray(origins, dtype=np.float32).reshape(-1, 3)
+        scene = self._intersect, self._scene.value, ctypes.addressof(self._arguments[len(starts) > 1])
+        kernels.cast_packets(*scene, starts, rays, self._first, triangles, ranges)
 
 
 class MovingScene:
@@ -110,60 +99,28 @@ class MovingScene:
     `mesh` is the whole world, still triangles first; its normals and frames follow what moves.
     """
 
-    def __init__(self, still: Mesh, traffic: Traffic, library: ctypes.CDLL | None) -> None:
-        self.mesh = joined([still, traffic.mesh])
-        self.first = len(still.triangles)
+    def __init__(self, still: Mesh, traffic: Traffic) -> None:
+        self.mesh, first = joined([still, traffic.mesh]), len(still.triangles)
         self.triangles = traffic.mesh.triangles.copy()
-        self._moved = self.triangles, self.mesh.normals[self.first :], self.mesh.frames[len(still.frames) :]
+        self._moved = self.triangles, self.mesh.normals[first:], self.mesh.frames[len(still.frames) :]
         self._local = traffic.mesh.triangles, traffic.mesh.normals, traffic.mesh.frames
         self._parts = traffic.part_of_triangle, traffic.part_of_surface
-        self._packets = PacketScene(library, self.triangles, is_moving=True) if library is not None else None
+        self.scene = PacketScene(self.triangles, first, is_moving=True)
         self.move(traffic.poses(0))
 
     def move(self, T_world_part: Array) -> None:
         """Put every part (P, 4, 4) where it is now."""
         kernels.place_parts(T_world_part, *self._parts, self._local, self._moved)
-        if self._packets is not None:
-            self._packets.move(self.triangles)
-            return
-        self._scene = EmbreeScene(robust=True)
-        self._keep = TriangleMesh(self._scene, self.triangles)
-        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
-
-    def cast_nearer(
-        self,
-        origin: Array,
-        rays: Floats,
-        triangles: NDArray[np.int32],
-        ranges: Floats,
-    ) -> None:
-        """Overwrite what rays (N, 3) have met where something that moves is nearer."""
-        if self._packets is not None:
-            self._packets.cast_nearer(origin, rays, self.first, triangles, ranges)
-            return
-        starts = np.broadcast_to(origin.astype(np.float32), rays.shape).copy()
-        found = self._scene.run(starts, rays, query="INTERSECT", output=1)
-        is_nearer = (found["primID"] >= 0) & (found["tfar"] < ranges)
-        triangles[is_nearer] = self.first + found["primID"][is_nearer]
-        ranges[is_nearer] = found["tfar"][is_nearer]
+        self.scene.move(self.triangles)
 
 
 @cache
-def find_library() -> ctypes.CDLL | None:
-    """Return the Embree 4 that is loaded; None where it cannot be found or cannot take packets of eight."""
-    text = MAPS.read_text(encoding="utf-8", errors="replace") if MAPS.exists() else ""
-    found = re.search(r"(/\S*libembree4\S*\.so\S*)", text)
+def load_library() -> tuple[ctypes.CDLL, ctypes.c_void_p]:
+    """Return the Embree 4 that embreex has loaded, and a device of it."""
+    found = re.search(r"(/\S*libembree4\S*\.so\S*)", MAPS.read_text(encoding="utf-8", errors="replace"))
     if found is None:
-        return None
+        raise ImportError("embreex: expected Embree 4 as a shared library, found none")
     library = ctypes.CDLL(found.group(1))
     for name in ("rtcNewDevice", "rtcNewScene", "rtcNewGeometry"):
         getattr(library, name).restype = ctypes.c_void_p
-    library.rtcGetDeviceProperty.restype = ctypes.c_ssize_t
-    device = _device(library)
-    version, has_eight = (library.rtcGetDeviceProperty(device, number) for number in (VERSION, NATIVE_8))
-    return library if version >= MIN_VERSION and has_eight else None
-
-
-@cache
-def _device(library: ctypes.CDLL) -> ctypes.c_void_p:
-    return ctypes.c_void_p(library.rtcNewDevice(None))
+    return library, ctypes.c_void_p(library.rtcNewDevice(None))

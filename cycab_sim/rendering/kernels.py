@@ -37,11 +37,12 @@ class PacketFunction(types.WrapperAddressProtocol):
 
 
 @njit(cache=True, nogil=True)
-def cast_packets(intersect, scene, arguments, origin, rays, first_number, triangles, ranges):
-    """Write the first triangle (N,) i32 and its range (N,) f32 that rays (N, 3) f32 from a point meet within a range.
+def cast_packets(intersect, scene, arguments, origins, rays, first_number, triangles, ranges):
+    """Write the first triangle (N,) i32 and its range (N,) f32 that rays (N, 3) f32 meet within a range.
 
-    intersect: `rtcIntersect8`; scene, arguments: addresses; origin (3,) m; first_number is added to the triangle's.
-    `ranges` comes in as how far to look; both stay as they are where nothing is met. Rays with NaN meet nothing.
+    intersect: `rtcIntersect8`; scene, arguments: addresses; origins (N, 3) f32 m, or one for all (1, 3); first_number
+    is added to the triangle's. `ranges` comes in as how far to look; both stay as they are where nothing is met. Rays
+    with NaN meet nothing.
     """
     store = np.empty((FIELDS + 3) * LANES, np.float32)
     skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # packets are aligned
@@ -57,8 +58,9 @@ def cast_packets(intersect, scene, arguments, origin, rays, first_number, triang
             n = first + k
             is_used[k] = -1 if n < num and rays[n, 0] == rays[n, 0] else 0
             m = min(n, num - 1)
+            o = min(m, origins.shape[0] - 1)
             for c in range(3):
-                floats[c, k], floats[DIRECTION + c, k] = origin[c], rays[m, c]
+                floats[c, k], floats[DIRECTION + c, k] = origins[o, c], rays[m, c]
             floats[3, k], floats[FAR, k] = 0.0, ranges[m]
             words[MASK, k] = words[PRIMITIVE, k] = words[GEOMETRY, k] = NONE
         intersect(is_used.ctypes.data, scene, floats.ctypes.data, arguments)
@@ -279,17 +281,6 @@ def _lit_once(shadow, a, b, depth):
     total += s * (1.0 - t) if depth <= shadow[j, i + 1] else 0.0
     total += (1.0 - s) * t if depth <= shadow[j + 1, i] else 0.0
     return total + (s * t if depth <= shadow[j + 1, i + 1] else 0.0)
-
-
-@njit(cache=True, nogil=True)
-def merge_samples(samples, edges, n, color):
-    """Replace the colour (H W, 3) f32 of edge pixels by the mean of their n x n samples (E n n, 3) f32."""
-    for e in range(edges.shape[0]):
-        for c in range(3):
-            total = 0.0
-            for k in range(n * n):
-                total += samples[e * n * n + k, c]
-            color[edges[e], c] = total / (n * n)
 
 
 @njit(cache=True, nogil=True)

@@ -9,22 +9,18 @@ Colours of what rays have met: where on its surface, how rough it is there, and 
 from __future__ import annotations
 
 import os
-import threading
-from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import ArrayLike, NDArray
 
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering import kernels
-from cycab_sim.rendering.embree import MovingScene, PacketScene, find_library
+from cycab_sim.rendering.embree import MovingScene, PacketScene
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import SkyLight, light_at
-from cycab_sim.rendering.weather import PixelView, Weather
+from cycab_sim.rendering.weather import SHELTER_TEXEL, PixelView, Weather
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
@@ -34,23 +30,19 @@ from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
-def paint_rays(
-    mesh: Mesh,
-    origin: Array,
-    rays: Floats,
-    ranges: Floats,
-    triangles: NDArray[np.int32],
-    cone: Floats,
-    color: Floats,
-) -> None:
-    """Write the linear colour (N, 3) of rays (N, 3) from one origin; arrays: see `locate_surfaces` and `dress`."""
-    points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
-    seeds, rough = np.empty(len(rays), np.uint32), np.empty(len(rays), np.float32)
+def paint_rays(mesh: Mesh, view: PixelView, color: Floats) -> None:
+    """Write the linear colour (N, 3) of what is in view; arrays: see `locate_surfaces` and `dress`."""
+    num = len(view.rays)
+    points, depths = np.empty((8, num), np.float32), np.empty(num, np.float32)
+    seeds, rough = np.empty(num, np.uint32), np.empty(num, np.float32)
     locate_surfaces(
-        origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds
-    )
+        view.origin, view.rays, view.ranges, view.triangles, view.cone,
+        mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds,
+    )  # fmt: skip
     sum_octaves(points, seeds, rough)
-    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color)
+    dress(
+        view.rays, view.triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color
+    )
 
 
 STRIP = 16384  # rays a thread works on at once
@@ -62,17 +54,8 @@ LEAVE = 0.01  # a mirrored ray begins so far from the ground, m
 SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
 
 
-@dataclass(frozen=True)
-class Hits:
-    """What rays (N, 3) met: triangle (N,) i32, -1 for the sky, and range (N,) f32 m."""
-
-    rays: Floats
-    triangles: NDArray[np.int32]
-    ranges: Floats
-
-
 class Renderer:
-    """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
+    """Draws a mesh from any camera; holds the ray caster and the shadow map.
 
     `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
     num_threads share an image, 0: one a core. `torch` is where the head lamp of `light` is, x along its beam.
@@ -90,24 +73,19 @@ class Renderer:
     ) -> None:
         self.params = params
         self.torch: SE3 | None = None
-        self._scene = EmbreeScene(robust=True)
-        self._keep = TriangleMesh(self._scene, mesh.triangles)
-        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
-        library = find_library()
-        self._packets = PacketScene(library, mesh.triangles) if library is not None else None
-        self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
+        self._scene = PacketScene(mesh.triangles)
+        self._moving = MovingScene(mesh, traffic) if traffic is not None else None
         self.mesh = self._moving.mesh if self._moving is not None else mesh
         self._pool = ThreadPoolExecutor(max_workers=num_threads or os.cpu_count() or 1)
-        self._lock = threading.Lock()  # of the lenses: cameras are drawn side by side
-        self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
         (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
         shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
-        self._shadows = ShadowMap(self._scene, shadow, light, middle, self._pool)
-        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams())
-        self._weather.cover(lambda a: ShadowMap(self._scene, (extent, max(a, texel)), light, middle, self._pool))
         self._now = light_at(light, 0.0, 0)
+        self._shadows = ShadowMap(self._scene, shadow, self._now.sun, middle, self._pool)
+        shelter = extent, max(SHELTER_TEXEL, texel)
+        roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle, self._pool)
+        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams(), roof)
 
     def illuminate(self, light: SkyLight) -> None:
         """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
@@ -131,7 +109,7 @@ class Renderer:
 
         +Inf: sky. NaN, and level 0: outside the lens. `gain`, one or (3,) for the colours, multiplies the exposure.
         """
-        rays_camera, cone = self._lens(camera)
+        rays_camera, cone = lens_rays(camera)
         height, width = camera.height, camera.width
         rays = np.empty_like(rays_camera)
         R = np.ascontiguousarray(T_world_camera.rotation, dtype=np.float32)
@@ -140,7 +118,7 @@ class Renderer:
         color = np.empty((height * width, 3), np.float32)
         hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), color)
         if self.params.supersampling > 1:
-            self._refine(origin, rays, cone.reshape(-1), hits, color)
+            self._refine(rays, hits, color)
         image = np.empty((height * width, 1 if is_gray else 3), np.float32)
         gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
         kernels.tone(color, gains, self._curve, image)
@@ -150,11 +128,9 @@ class Renderer:
 
     def measure(self, origin: Array, rays: Floats) -> Floats:
         """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
-        triangles, ranges = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
-        self._cast(origin, rays, triangles, ranges)
-        return ranges
+        return self._cast(origin, rays)[1]
 
-    def _look(self, origin: Array, rays: Floats, cone: Floats, color: Floats) -> Hits:
+    def _look(self, origin: Array, rays: Floats, cone: Floats, color: Floats) -> PixelView:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
@@ -162,44 +138,29 @@ class Renderer:
 
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
-            self._cast(origin, rays[part], triangles[part], ranges[part])
-            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, color[part])
+            triangles[part], ranges[part] = self._cast(origin, rays[part])
+            view = PixelView(origin, rays[part], ranges[part], triangles[part], cone[part])
+            self._shade(view, depths, color[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
-        return Hits(rays, triangles, ranges)
+        return PixelView(origin, rays, ranges, triangles, cone)
 
-    def _cast(self, origin: Array, rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
-        if self._packets is not None:
-            self._packets.cast(origin, rays, triangles, ranges)
-        else:
-            starts = np.empty_like(rays)
-            starts[:] = origin
-            found = self._scene.run(starts, rays, query="INTERSECT", output=1)
-            triangles[:] = found["primID"]
-            ranges[:] = np.where(triangles == NO_HIT, np.inf, found["tfar"])
+    def _cast(self, origin: Array, rays: Floats) -> tuple[NDArray[np.int32], Floats]:
+        triangles, ranges = self._scene.cast(origin, rays)
         if self._moving is not None:
-            self._moving.cast_nearer(origin, rays, triangles, ranges)
+            self._moving.scene.cast_nearer(origin, rays, triangles, ranges)
         outside = np.isnan(rays[:, 0])
-        if outside.any():
-            triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
+        triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
+        return triangles, ranges
 
-    def _shade(
-        self,
-        origin: Array,
-        hits: Hits,
-        cone: Floats,
-        depths: Floats,
-        color: Floats,
-        is_mirror: bool = False,
-    ) -> None:
+    def _shade(self, view: PixelView, depths: Floats, color: Floats, is_mirror: bool = False) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
-        view = PixelView(origin, hits.rays, hits.ranges, hits.triangles, cone)
-        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
+        paint_rays(m, view, color)
         self._weather.change(view, now, color)
         albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(
-            origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
+            view.origin, view.rays, view.ranges, view.triangles, view.cone, m.normals,
             lamps, depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
         self._weather.add_lamps(view, albedo, color, self.torch, self.measure)
@@ -211,22 +172,20 @@ class Renderer:
 
         `below` (3,) is the viewer mirrored by the ground, from whom the distance to what they meet is the whole way.
         """
-        found = self._scene.run(starts + np.float32(LEAVE) * rays, rays, query="INTERSECT", output=1)
-        triangles = found["primID"].astype(np.int32)
+        triangles, found = self._scene.cast(starts + np.float32(LEAVE) * rays, rays)
         is_hit = triangles != NO_HIT
-        way = (
-            starts + np.where(is_hit, found["tfar"], 1.0)[:, None].astype(np.float32) * rays - below.astype(np.float32)
-        )
+        way = starts + np.where(is_hit, found, np.float32(1.0))[:, None] * rays - below.astype(np.float32)
         ranges = np.linalg.norm(way, axis=1)
         seen = np.where(is_hit[:, None], way / ranges[:, None], rays).astype(np.float32)
         ranges = np.where(is_hit, ranges, np.inf).astype(np.float32)
         if self._moving is not None:  # all of it is above the ground
-            self._moving.cast_nearer(below, seen, triangles, ranges)
+            self._moving.scene.cast_nearer(below, seen, triangles, ranges)
         color = np.empty_like(rays)
-        self._shade(below, Hits(seen, triangles, ranges), cone, self._shadows.depths, color, is_mirror=True)
+        mirrored = PixelView(below, seen, ranges, triangles, cone)
+        self._shade(mirrored, self._shadows.depths, color, is_mirror=True)
         return color
 
-    def _refine(self, origin: Array, rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
+    def _refine(self, rays: Floats, hits: PixelView, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""
         n = self.params.supersampling
         shape = rays.shape[:2]
@@ -238,19 +197,16 @@ class Renderer:
         finer = np.empty((len(edges) * n * n, 3), np.float32)
         samples = np.empty_like(finer)
         kernels.split_rays(rays, edges, n, finer)
-        self._look(origin, finer, np.repeat(cone[edges] / np.float32(n), n * n), samples)
-        kernels.merge_samples(samples, edges, n, color)
+        self._look(hits.origin, finer, np.repeat(hits.cone[edges] / np.float32(n), n * n), samples)
+        sums = samples.reshape(-1, n * n, 3).sum(axis=1, dtype=np.float64)
+        color[edges] = sums / (n * n)
 
-    def _lens(self, camera: Camera) -> tuple[Floats, Floats]:
-        """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
-        with self._lock:
-            if camera not in self._lenses:
-                rays = pixel_rays(camera)
-                self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
-                if len(self._lenses) > MAX_CAMERAS:
-                    self._lenses.popitem(last=False)
-            self._lenses.move_to_end(camera)
-            return self._lenses[camera]
+
+@lru_cache(MAX_CAMERAS)
+def lens_rays(camera: Camera) -> tuple[Floats, Floats]:
+    """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
+    rays = pixel_rays(camera)
+    return rays.astype(np.float32), _spacing(rays)
 
 
 def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> tuple[float, float]:

@@ -6,11 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
-from embreex.rtcore_scene import EmbreeScene
 
-from cycab_sim.params import LightParams
 from cycab_sim.rendering import kernels
-from cycab_sim.rendering.sky import light_at
+from cycab_sim.rendering.embree import PacketScene
 from sphere_nav.geometry.arrays import Array, Floats
 
 REACH = 400.0  # the sun's rays start this far away, m
@@ -26,9 +24,9 @@ class ShadowMap:
 
     def __init__(
         self,
-        scene: EmbreeScene,
+        scene: PacketScene,
         square: tuple[float, float],
-        light: LightParams,
+        sun: Array,
         center: Array,
         pool: ThreadPoolExecutor,
     ) -> None:
@@ -39,7 +37,7 @@ class ShadowMap:
         self._scene, self._center, self._pool = scene, center, pool
         self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()
-        self.turn(light_at(light, 0.0, 0).sun)
+        self.turn(sun)
 
     def turn(self, sun: Array) -> None:
         """Put the sun elsewhere, by the unit vector (3,) towards it; what moves has to be drawn again."""
@@ -86,7 +84,7 @@ class ShadowMap:
         def work(row: int) -> None:
             local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)
             starts = (local @ R).astype(np.float32)
-            far = self._scene.run(starts, np.repeat(direction, size, axis=0), query="DISTANCE")
+            _, far = self._scene.cast(starts, np.repeat(direction, size, axis=0))
             depth[row] = base + far
 
         list(self._pool.map(work, range(size)))

@@ -10,7 +10,7 @@ from cycab_sim.params import LightParams
 from sphere_nav.geometry.arrays import Array
 
 SUN, AMBIENT = np.array([1.25, 1.15, 0.98]), np.array([0.34, 0.40, 0.52])  # radiance with the sun 43 deg high
-LATITUDE, DECLINATION = np.radians(45.78), np.radians(20.0)  # Clermont-Ferrand at the end of May
+LATITUDE = np.radians(45.78)  # of Clermont-Ferrand
 LOWEST = np.radians(3.0)  # the sun does not set, and longer shadows are not drawn
 HAZE = np.array([0.10, 0.16, 0.30])  # what the air overhead takes of red, green and blue
 USUAL = np.radians(43.0)
@@ -42,21 +42,16 @@ def is_constant(params: LightParams) -> bool:
 
 def light_at(params: LightParams, seconds: float, seed: int) -> SkyLight:
     """Return the light after a time."""
-    day, hour = params.day_and_hour if params.has_hour else (0.0, 0.0)
     if not params.has_hour:
         azimuth, elevation = np.radians(params.sun_deg)
         red, share = np.ones(3), 1.0
-    elif day:
+    else:
+        day, hour = params.day_and_hour
         azimuth, true_elevation = sun_angles(hour + params.hour_rate * seconds, declination(day))
         elevation = max(true_elevation, LOWEST)  # of the shadows
         above = float(np.clip(true_elevation / FADE + 0.5, 0.0, 1.0))
         red = np.exp(-HAZE * (_air(max(true_elevation, 0.0)) - _air(USUAL))) * above
         share = float(np.exp(np.interp(np.degrees(true_elevation), ELEVATIONS, np.log(DIFFUSE / 16_000.0))))
-    else:
-        azimuth, elevation = sun_angles(hour + params.hour_rate * seconds)
-        elevation = max(elevation, LOWEST)
-        red = np.exp(-HAZE * (_air(elevation) - _air(USUAL)))
-        share = 0.35 + 0.65 * float(np.sin(elevation) / np.sin(USUAL))
     sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     cover = params.clouds * _cloud(seconds / params.cloud_period, seed) if params.clouds else 0.0
     sun_color, sky_color = SUN * red * (1.0 - cover), AMBIENT * share * (1.0 + 0.25 * cover)
@@ -72,7 +67,7 @@ def declination(day: float) -> float:
     return float(TILT * np.cos(2.0 * np.pi * (day - SOLSTICE) / 365.25))
 
 
-def sun_angles(hour: float, tilt: float = DECLINATION) -> tuple[float, float]:
+def sun_angles(hour: float, tilt: float) -> tuple[float, float]:
     """Return azimuth, counter-clockwise from the x axis (east), and elevation, rad, at a solar hour of the day.
 
     tilt: the sun's declination, rad

@@ -95,11 +95,15 @@ class Lamp:
 
 
 class Weather:
-    """Wet ground, snow, clouds and lamps of a mesh, of which the first surfaces are those of `still`."""
+    """Wet ground, snow, clouds and lamps of a mesh, of which the first surfaces are those of `still`.
 
-    def __init__(self, mesh: Mesh, still: Mesh, light: LightParams, season: SeasonParams) -> None:
-        self.mesh, self.light, self.season = mesh, light, season
-        self._roof: ShadowMap | None = None
+    `roof`: what is above something, as a shadow map with the sun overhead.
+    """
+
+    def __init__(self, mesh: Mesh, still: Mesh, light: LightParams, season: SeasonParams, roof: ShadowMap) -> None:
+        self.mesh, self.light, self.season, self._roof = mesh, light, season, roof
+        if season.wet or season.snow:
+            _ = roof.still  # cast now, not from within the pool
         self._wear = np.ones(max(k.FACADE, *WORN) + 1, np.float32)
         self._wear[list(WORN)] = list(WORN.values())
         self._glow = _find_glow(still) if light.has_street_lamps else None
@@ -108,13 +112,6 @@ class Weather:
     def has_lamps(self) -> bool:
         """Whether anything but sun and sky gives light."""
         return self.light.has_street_lamps or self.light.torch > 0.0
-
-    def cover(self, make_shadow_map: Callable[[float], ShadowMap]) -> None:
-        """Find what is under something, by a shadow map with texels of so many m and a sun overhead."""
-        if self.season.wet or self.season.snow:
-            self._roof = make_shadow_map(SHELTER_TEXEL)
-            self._roof.turn(np.array([0.0, 0.0, 1.0]))
-            _ = self._roof.still  # cast now, not from within the pool
 
     def change(self, view: PixelView, now: SkyLight, color: Floats) -> None:
         """Change reflectance and sky (N, 3) in place: clouds, snow, wet ground."""
@@ -196,8 +193,6 @@ class Weather:
     def _openness(self, points: Floats) -> Floats:
         """Return the share (N,) of the sky straight above points (N, 3) m, blended over four texels."""
         roof = self._roof
-        if roof is None:
-            return np.ones(len(points), np.float32)
         seen = points @ roof.T_sun_world.T.astype(np.float32)
         at = (seen[:, :2] - roof.corner.astype(np.float32)) / np.float32(roof.texel)
         lit = np.empty(len(points), np.float32)

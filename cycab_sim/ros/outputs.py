@@ -96,12 +96,7 @@ class Outputs:
         return round((self.simulator.faults.magnitude(name, "delayed", self.simulator.time_ns) or 0.0) * SECOND)
 
     def _publish_camera(self, now: int) -> None:
-        frame, frame_id = self.simulator.capture("camera"), self.simulator.mounts["camera"].frame_id
-        if isinstance(frame.camera, Spherical):
-            self._send("camera", self.info, conversions.camera_to_sphere_info(frame.camera, frame_id))
-        else:
-            self._send("camera", self.info, conversions.camera_to_info(frame.camera, now, frame_id))
-        self._send("camera", self.image, image_message(frame, frame_id))
+        self._send_image("camera", self.simulator.capture("camera"), self.info, self.image)
 
     def _publish_sphere(self, now: int) -> None:
         frame: Any = self.simulator.capture("sphere")  # has the fields of a Sphere
@@ -110,9 +105,17 @@ class Outputs:
 
     def _publish_rig(self, now: int) -> None:
         for name, frame in self.simulator.capture_rig().items():
-            frame_id = self.simulator.mounts[name].frame_id
-            self._send(name, self.rig_infos[name], conversions.camera_to_info(frame.camera, now, frame_id))
-            self._send(name, self.rig_images[name], image_message(frame, frame_id))
+            self._send_image(name, frame, self.rig_infos[name], self.rig_images[name])
+
+    def _send_image(self, name: str, frame: RenderedFrame, info: Publisher, image: Publisher) -> None:
+        """Send what a camera is like, and its image, grey or in colours."""
+        frame_id, camera = self.simulator.mounts[name].frame_id, frame.camera
+        if isinstance(camera, Spherical):
+            self._send(name, info, conversions.camera_to_sphere_info(camera, frame_id))
+        else:
+            self._send(name, info, conversions.camera_to_info(camera, frame.stamp_ns, frame_id))
+        encoding = "mono8" if frame.image.ndim == 2 else "rgb8"
+        self._send(name, image, conversions.array_to_image(frame.image, frame.stamp_ns, frame_id, encoding))
 
     def _publish_imu(self, now: int) -> None:
         reading, p = self.simulator.read_imu(), self.simulator.imu.errors
@@ -148,9 +151,3 @@ class Outputs:
 
 def _set_xyz(vector: Any, values: np.ndarray) -> None:
     vector.x, vector.y, vector.z = map(float, values)
-
-
-def image_message(frame: RenderedFrame, frame_id: str) -> Image:
-    """Return a grey or colour image."""
-    encoding = "mono8" if frame.image.ndim == 2 else "rgb8"
-    return conversions.array_to_image(frame.image, frame.stamp_ns, frame_id, encoding)

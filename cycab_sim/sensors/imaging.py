@@ -56,7 +56,7 @@ class CameraArray:
         seed, self._noise_seed = seeds
         self._last: dict[str, RenderedFrame] = {}
         self._exposures = {
-            mount.group: Exposure(mount.imaging, GAMMA, (seed, 83, zlib.crc32(mount.group.encode())))
+            mount.group: Exposure(mount.imaging, (seed, 83, zlib.crc32(mount.group.encode())))
             for mount in self.mounts.values()
         }
 
@@ -67,7 +67,7 @@ class CameraArray:
             return replace(self._last[name], stamp_ns=now_ns, index=index)
         levels, range_m = drawn or self.look(name, now_ns)
         if imaging.vignetting > 0.0:
-            fall = vignette(mount.camera, imaging.vignetting, GAMMA)
+            fall = vignette(mount.camera, imaging.vignetting)
             levels = levels * (fall if mount.is_gray else fall[..., None])
         self._exposures[mount.group].observe(now_ns, levels)
         seed = (self._noise_seed, index, zlib.crc32(name.encode()))
@@ -102,16 +102,15 @@ class CameraArray:
 
         levels, range_m = draw(0.0)
         if mount.imaging.shutter > 0.0:
-            levels = averaged(draw, mount.imaging.shutter, mount.imaging.shutter_samples, GAMMA)
+            levels = averaged(draw, mount.imaging.shutter, mount.imaging.shutter_samples)
         return levels, range_m
 
 
 class Exposure:
     """The common exposure of a group of cameras; deterministic: it depends on the images seen so far and the stamps."""
 
-    def __init__(self, params: ImagingParams, gamma: float, seed: tuple[int, ...]) -> None:
+    def __init__(self, params: ImagingParams, seed: tuple[int, ...]) -> None:
         self.params = params
-        self._gamma = gamma
         self._gain, self._wanted = 1.0, 1.0
         self._now_ns: int | None = None
         self._seen: deque[tuple[int, float]] = deque()
@@ -129,7 +128,7 @@ class Exposure:
             return
         some = levels[::STRIDE, ::STRIDE]
         mean = float(some[some > 0.0].mean()) if (some > 0.0).any() else self.params.target
-        self._seen.append((stamp_ns, math.log(self._gain) + self._gamma * math.log(self.params.target / mean)))
+        self._seen.append((stamp_ns, math.log(self._gain) + GAMMA * math.log(self.params.target / mean)))
 
     def _follow(self, stamp_ns: int) -> None:
         """Move towards what the images called for that are known by now."""
@@ -156,23 +155,23 @@ class Exposure:
         return np.array([red, 1.0, blue])
 
 
-def averaged(draw: Callable[[float], tuple[Floats, Floats]], shutter: float, num: int, gamma: float) -> Floats:
+def averaged(draw: Callable[[float], tuple[Floats, Floats]], shutter: float, num: int) -> Floats:
     """Return the levels of an open shutter: the mean light of `num` instants, seconds before and after the middle.
 
     draw(offset s) returns levels 0..255 and ranges of an instant.
     """
     offsets = (np.arange(num) + 0.5) / num - 0.5
-    total = sum((draw(float(shutter * offset))[0] / np.float32(255.0)) ** np.float32(gamma) for offset in offsets)
-    return np.asarray(np.float32(255.0) * (total / np.float32(num)) ** np.float32(1.0 / gamma), dtype=np.float32)
+    total = sum((draw(float(shutter * offset))[0] / np.float32(255.0)) ** np.float32(GAMMA) for offset in offsets)
+    return np.asarray(np.float32(255.0) * (total / np.float32(num)) ** np.float32(1.0 / GAMMA), dtype=np.float32)
 
 
-def vignette(camera: Camera, share: float, gamma: float) -> Floats:
+def vignette(camera: Camera, share: float) -> Floats:
     """Return factors (H, W) on grey levels: the light falls with the squared distance to the middle, to 1 - share."""
     rows, columns = np.linspace(-1.0, 1.0, camera.height), np.linspace(-1.0, 1.0, camera.width)
     height, width = float(camera.height), float(camera.width)
     squares = ((rows * height) ** 2)[:, None] + ((columns * width) ** 2)[None]
     light = 1.0 - share * squares / (height**2 + width**2)
-    return np.asarray(light ** (1.0 / gamma), dtype=np.float32)
+    return np.asarray(light ** (1.0 / GAMMA), dtype=np.float32)
 
 
 def expose(levels: Floats, noise: float, shot_noise: float, seed: tuple[int, ...], bias: float = 0.0) -> Bytes:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
-from cycab_sim.world.mesh import Finish, MeshBuilder, moved, placed
+from cycab_sim.world.mesh import Finish, MeshBuilder, moved, placed, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -94,7 +94,7 @@ def _add_openings(
             is_window = i % 2 == 1 and j % 2 == 1
             is_below_door = door is not None and i == 2 * door + 1 and j == 0
             if not is_window and not is_below_door:
-                solid.append(_upright(x[i], x[i + 1], z[j], z[j + 1], 0.0))
+                solid.append(upright(x[i], x[i + 1], z[j], z[j + 1], 0.0))
     mesh.sheet(moved(np.array(solid), at), style.wall, moved(np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1.0]]), at))
     for j, (low, high) in enumerate(rows):
         for i in range(len(left)):
@@ -127,7 +127,7 @@ def _add_opening(
     pane = (
         leaf if is_door else finishes.window(w, h, style.frame, rng, across=2 if w < 1.6 else 3, up=2 if h < 1.8 else 3)
     )
-    mesh.panels(moved(_upright(x0, x1, z0, z1, r), at), pane)
+    mesh.panels(moved(upright(x0, x1, z0, z1, r), at), pane)
     mesh.box([x0 - 0.08, -0.05, z1], [w + 0.16, 0.06, 0.14], finishes.TRIM, at)
     if is_door:
         mesh.box([x0 - 0.1, -0.35, 0.0], [w + 0.2, 0.35, 0.14], finishes.KERB, at)
@@ -171,15 +171,15 @@ def _add_plain_wall(
     mesh: MeshBuilder, at: Array, width: float, height: float, style: Style, rng: np.random.Generator
 ) -> None:
     """Add a wall with few openings: pasted posters and a vent, no relief."""
-    mesh.panels(moved(_upright(0.0, width, 0.0, height, 0.0), at), style.wall)
+    mesh.panels(moved(upright(0.0, width, 0.0, height, 0.0), at), style.wall)
     for _ in range(int(width / 3.0)):
         w, h = rng.uniform(0.6, 1.6), rng.uniform(0.6, 1.4)
         x, z = rng.uniform(0.2, max(0.3, width - w - 0.2)), rng.uniform(0.4, 2.2)
         poster = finishes.sign(w, h, rng, int(rng.integers(2, 6)))
-        mesh.panels(moved(_upright(x, x + w, z, z + h, -0.01 - 0.01 * rng.random()), at), poster)
+        mesh.panels(moved(upright(x, x + w, z, z + h, -0.01 - 0.01 * rng.random()), at), poster)
     for z in np.arange(GROUND_STOREY + 0.8, height - 1.8, style.storey):
         x = rng.uniform(0.5, max(0.6, width - 1.5))
-        mesh.panels(moved(_upright(x, x + 0.9, z, z + 1.3, -0.02), at), finishes.window(0.9, 1.3, style.frame, rng))
+        mesh.panels(moved(upright(x, x + 0.9, z, z + 1.3, -0.02), at), finishes.window(0.9, 1.3, style.frame, rng))
 
 
 def _add_gable_roof(
@@ -224,8 +224,3 @@ def _add_chimney(mesh: MeshBuilder, at: Array, width: float, y: float, z: float,
     x = rng.uniform(0.5, width - 1.5)
     mesh.box([x, y - 0.3, z], [0.9, 0.6, 1.5], brick, at)
     mesh.box([x - 0.06, y - 0.36, z + 1.5], [1.02, 0.72, 0.12], finishes.TRIM, at)
-
-
-def _upright(x0: float, x1: float, z0: float, z1: float, y: float) -> Array:
-    """Return the corners (4, 3) of a rectangle facing the street."""
-    return np.array([[x0, y, z0], [x1, y, z0], [x1, y, z1], [x0, y, z1]])

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from cycab_sim.world import finishes, furniture
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat, placed
 from cycab_sim.world.paths import Path, Piece, rounded, turn
 from cycab_sim.world.street import KERB_HEIGHT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
@@ -82,11 +82,9 @@ def build_city(seed: int) -> Mesh:
 def _add_square(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     """Add the flags of the square, and what stands around and upon it."""
     x0, y0, x1, y1 = SQUARE
-    mesh.panels([[[x0, y0, 0.008], [x1, y0, 0.008], [x1, y1, 0.008], [x0, y1, 0.008]]], FLAGS)
+    mesh.panels(flat(x0, y0, x1, y1, 0.008), FLAGS)
     for y in np.arange(y0 + 10.0, y1 - 5.0, 10.0):
-        mesh.panels(
-            [[[x0 + 8, y, 0.011], [x1 - 8, y, 0.011], [x1 - 8, y + 0.6, 0.011], [x0 + 8, y + 0.6, 0.011]]], BAND
-        )
+        mesh.panels(flat(x0 + 8, y, x1 - 8, y + 0.6, 0.011), BAND)
     for x in np.arange(x0 + 7.0, x1 - 5.0, 9.0):
         for y in (y0 + 5.0, y1 - 5.0):
             if abs(x - LANE_X) > 5.0 and not (y < 0.0 and abs(x - TRAM[0][0]) < 6.0):

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed
+from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, flat, moved, placed, upright
 from sphere_nav.geometry.arrays import Array, Integers
 
 SPRAYS = 220  # leaves around a lump of foliage
@@ -125,8 +125,7 @@ def add_monument(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None
         mesh.box([-half, -half, 0.2 * i], [2 * half, 2 * half, 0.2], finishes.KERB, at)
     mesh.box([-1.4, -0.9, 0.6], [2.8, 1.8, 2.4], stone, at)
     mesh.box([-1.5, -1.0, 3.0], [3.0, 2.0, 0.2], stone, at)
-    mesh.panels(moved(np.array([[[-0.8, -0.91, 1.4], [0.8, -0.91, 1.4], [0.8, -0.91, 2.4], [-0.8, -0.91, 2.4]]]), at),
-                finishes.sign(1.6, 1.0, rng, 4))  # fmt: skip
+    mesh.panels(moved(upright(-0.8, 0.8, 1.4, 2.4, -0.91), at), finishes.sign(1.6, 1.0, rng, 4))
     add_frustum(mesh, at, (-1.1, 0.9, 0.35, 3.9), (-1.0, 0.9, 0.3, 4.7), finishes.METAL)
     for x in (-1.0, -0.75, 0.45, 0.7):
         add_frustum(
@@ -150,8 +149,9 @@ def add_kiosk(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     add_prism(mesh, at @ placed(0, 0, 0, 2.75), 1.2, 0.8, finishes.METAL)
     for turn in np.arange(8) * np.pi / 4 + np.pi / 8:
         side = at @ placed(0, 0, turn) @ placed(1.60, -0.5, np.pi / 2)
-        board = np.array([[[0, 0, 0.8], [1.0, 0, 0.8], [1.0, 0, 2.2], [0, 0, 2.2]]], dtype=np.float64)
-        mesh.panels(moved(board, side), finishes.sign(1.0, 1.4, rng, int(rng.integers(2, 7))))
+        mesh.panels(
+            moved(upright(0.0, 1.0, 0.8, 2.2, 0.0), side), finishes.sign(1.0, 1.4, rng, int(rng.integers(2, 7)))
+        )
 
 
 def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rng: np.random.Generator) -> None:
@@ -201,15 +201,10 @@ def add_frustum(
     y: float = 0.0,
 ) -> None:
     """Add a hull between two rectangles (x0, x1, half width, z) around a line y m to the left, without its floor."""
-    p = np.array([*_rectangle(*low), *_rectangle(*top)])
+    p = np.concatenate([flat(x0, -half, x1, half, z) for x0, x1, half, z in (low, top)])
     p[:, 1] += y
     sides = p[[[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]]
     mesh.panels(moved(sides, at), finish)
-
-
-def _rectangle(x0: float, x1: float, half: float, z: float) -> list[list[float]]:
-    """Return the corners of a level rectangle around the x axis."""
-    return [[x0, -half, z], [x1, -half, z], [x1, half, z], [x0, half, z]]
 
 
 def add_prism(

@@ -79,21 +79,20 @@ class MeshBuilder:
     _surfaces: list[Integers] = field(default_factory=list)
     _corners: list[Array] = field(default_factory=list)
     _finishes: list[tuple[Finish, int]] = field(default_factory=list)
-    _count: int = 0
 
     def panels(self, corners: ArrayLike, finish: Finish) -> None:
         """Add flat quadrilaterals (N, 4, 3), counter-clockwise from outside, lower left first: N surfaces."""
         quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        first = self.num_surfaces
         for quad in quads:
             self._new_surface(quad[[0, 1, 3]], finish)
-        first = self._count - len(quads)
-        self._add_quads(quads, np.arange(first, self._count))
+        self._add_quads(quads, np.arange(first, self.num_surfaces))
 
     def sheet(self, corners: ArrayLike, finish: Finish, frame: ArrayLike) -> None:
         """Add quadrilaterals (N, 4, 3) of one plane as one surface; frame (3, 3): origin, points along u and v."""
         quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
         self._new_surface(np.asarray(frame, dtype=np.float64), finish)
-        self._add_quads(quads, np.full(len(quads), self._count - 1))
+        self._add_quads(quads, np.full(len(quads), self.num_surfaces - 1))
 
     def solid(self, triangles: ArrayLike, finish: Finish, origin: ArrayLike) -> None:
         """Add free triangles (N, 3, 3) as one surface with texture in space around `origin`, u, v, w = x, y, z."""
@@ -101,7 +100,7 @@ class MeshBuilder:
         start = np.asarray(origin, dtype=np.float64)
         self._new_surface(start + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
         self._triangles.append(faces)
-        self._surfaces.append(np.full(len(faces), self._count - 1))
+        self._surfaces.append(np.full(len(faces), self.num_surfaces - 1))
 
     def box(self, low: ArrayLike, size: ArrayLike, finish: Finish, placement: Array | None = None) -> None:
         """Add a box from corner `low` (3,), size (3,) m, moved by a matrix (4, 4) where one is given."""
@@ -111,7 +110,7 @@ class MeshBuilder:
     @property
     def num_surfaces(self) -> int:
         """Number of surfaces so far."""
-        return self._count
+        return len(self._corners)
 
     def build(self) -> Mesh:
         """Return everything collected as arrays."""
@@ -143,7 +142,6 @@ class MeshBuilder:
         self._corners.append(frame)
         self._clutter.append((self.is_clutter, self.is_parked))
         self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
-        self._count += 1
 
     def _add_quads(self, quads: Array, surfaces: Integers) -> None:
         self._triangles.append(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
@@ -153,6 +151,16 @@ class MeshBuilder:
 def moved(points: Array, placement: Array) -> Array:
     """Map points (..., 3) by a matrix (4, 4)."""
     return points @ placement[:3, :3].T + placement[:3, 3]
+
+
+def flat(x0: float, y0: float, x1: float, y1: float, z: float) -> Array:
+    """Return the corners (4, 3) of a rectangle that faces up; down where y1 is below y0."""
+    return np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
+
+
+def upright(x0: float, x1: float, z0: float, z1: float, y: float) -> Array:
+    """Return the corners (4, 3) of a rectangle that faces -y: the street, of a front."""
+    return np.array([[x0, y, z0], [x1, y, z0], [x1, y, z1], [x0, y, z1]])
 
 
 def placed(x: float, y: float, yaw: float, z: float = 0.0) -> Array:

@@ -51,16 +51,6 @@ class Path:
             pose, begin = arc(pose, piece.length, piece.curvature), begin + piece.length
         return poses
 
-    def project(self, x: float, y: float, near: float) -> float:
-        """Return the distance along the path of the point closest to (x, y), searched within `near` +- 3 m."""
-        s = near + np.linspace(-3.0, 3.0, 241)
-        if not self.is_closed:
-            s = np.clip(s, 0.0, self.length)
-        poses = self.at(s)
-        best = int(np.argmin((poses[:, 0] - x) ** 2 + (poses[:, 1] - y) ** 2))
-        px, py, yaw, _ = poses[best]
-        return float(s[best] + np.cos(yaw) * (x - px) + np.sin(yaw) * (y - py))
-
 
 def arc(pose: ArrayLike, length: ArrayLike, curvature: float) -> Array:
     """Return the pose (..., 3) after driving `length` m (negative: backwards) on constant curvature: exact."""

@@ -62,10 +62,8 @@ def _with_bare_trees(mesh: Mesh, seed: int) -> Mesh:
     kinds, colors, params = mesh.kinds.copy(), mesh.colors.copy(), mesh.params.copy()
     made, owners = [], []
     rng = np.random.default_rng([seed, 93])
-    order = np.argsort(mesh.surface_of, kind="stable")
-    starts = np.searchsorted(mesh.surface_of[order], np.arange(len(mesh.kinds) + 1))
     for s in np.flatnonzero(mesh.kinds[:, 0] == k.FOLIAGE):
-        members = order[starts[s] : starts[s + 1]]
+        members = np.flatnonzero(mesh.surface_of == s)
         points = mesh.triangles[members].reshape(-1, 3).astype(np.float64)
         center, radius = points.mean(axis=0), float(points.std(axis=0).mean()) * np.sqrt(3.0)
         away = np.hypot(*(trunks[:, :2] - center[:2]).T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.mesh import Finish, MeshBuilder, moved
+from cycab_sim.world.mesh import Finish, MeshBuilder, flat, moved
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -19,9 +19,9 @@ FAR = 400.0  # the ground ends here, m
 def add_ground(mesh: MeshBuilder, bounds: tuple[float, float, float, float]) -> None:
     """Add asphalt as far as the town goes and meadow beyond."""
     x0, y0, x1, y1 = bounds
-    road = _flat(x0 - 12, y0 - 12, x1 + 12, y1 + 12, 0.0)
+    road = flat(x0 - 12, y0 - 12, x1 + 12, y1 + 12, 0.0)
     mesh.panels(road, finishes.ASPHALT)
-    mesh.panels(_flat(x0 - FAR, y0 - FAR, x1 + FAR, y1 + FAR, -0.05), finishes.SOIL)
+    mesh.panels(flat(x0 - FAR, y0 - FAR, x1 + FAR, y1 + FAR, -0.05), finishes.SOIL)
 
 
 def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) -> None:
@@ -29,7 +29,7 @@ def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) ->
     x0, y0, x1, y1 = block
     mesh.box([x0, y0, 0.0], [x1 - x0, y1 - y0, KERB_HEIGHT], finishes.KERB)
     a = KERB_WIDTH
-    mesh.panels(_flat(x0 + a, y0 + a, x1 - a, y1 - a, KERB_HEIGHT + 0.004), finishes.PAVING)
+    mesh.panels(flat(x0 + a, y0 + a, x1 - a, y1 - a, KERB_HEIGHT + 0.004), finishes.PAVING)
 
 
 def add_street(
@@ -50,10 +50,10 @@ def add_street(
     for x0, x1 in pieces:
         if x1 - x0 > 3.0:
             dashes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 3.0, 0.5))
-            mesh.panels(moved(_flat(x0, -0.06, x1, 0.06, 0.006), at), dashes)
+            mesh.panels(moved(flat(x0, -0.06, x1, 0.06, 0.006), at), dashes)
             gutter = Finish(k.PAVING, (0.30, 0.29, 0.27), (0.12, 0.11, 0.10), (0.17, 0.5, 0.3, 0.012, 0.0))
             for y in (-half, half - 0.3):
-                mesh.panels(moved(_flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), at), gutter)
+                mesh.panels(moved(flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), at), gutter)
     stripes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 1.0, 0.5))
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
@@ -74,14 +74,9 @@ def _add_patches(mesh: MeshBuilder, at: Array, length: float, rng: np.random.Gen
         kind = rng.random()
         if kind < 0.55:
             a, b = rng.uniform(0.8, 4.0), min(rng.uniform(0.6, 2.5), half - 0.35 - y)
-            mesh.panels(moved(_flat(x, y, x + a, y + b, 0.0015 + 0.002 * rng.random()), at), finishes.TAR)
+            mesh.panels(moved(flat(x, y, x + a, y + b, 0.0015 + 0.002 * rng.random()), at), finishes.TAR)
         elif kind < 0.7:
-            mesh.panels(moved(_flat(x, -half + 0.3, x + 1.2, half - 0.3, 0.0045), at), finishes.COBBLES)
+            mesh.panels(moved(flat(x, -half + 0.3, x + 1.2, half - 0.3, 0.0045), at), finishes.COBBLES)
         else:
             cover = finishes.slats((0.10, 0.10, 0.105), 0.06)
-            mesh.panels(moved(_flat(x, y, x + 0.7, y + 0.7, 0.0052), at), cover)
-
-
-def _flat(x0: float, y0: float, x1: float, y1: float, z: float) -> Array:
-    """Return the corners (1, 4, 3) of a rectangle that faces up."""
-    return np.array([[[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]])
+            mesh.panels(moved(flat(x, y, x + 0.7, y + 0.7, 0.0052), at), cover)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, moved, placed
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat, moved, placed
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
@@ -56,11 +56,6 @@ def draw_plan(seed: int) -> Plan:
     return Plan(east=float(rng.uniform(40.0, 48.0)), north=float(rng.uniform(32.0, 38.0)))
 
 
-def path_names() -> tuple[str, ...]:
-    """Return the names that `path` knows."""
-    return ("two_turns", "block", "straight")
-
-
 def taught_path(plan: Plan, name: str) -> Path:
     """Return a path: `two_turns` (M15 fig. 17), `block` (closed, around the centre block) or `straight`."""
     r = TURN_RADIUS
@@ -75,7 +70,7 @@ def taught_path(plan: Plan, name: str) -> Path:
         return Path((corner - east / 2, -LANE, 0.0), half + half, is_closed=True)
     if name == "straight":
         return Path((4.0, -LANE, 0.0), (Piece(30.0),))
-    raise ValueError(f"path: expected one of {', '.join(path_names())}, found {name!r}")
+    raise ValueError(f"path: expected two_turns, block or straight, found {name!r}")
 
 
 @lru_cache(maxsize=1)
@@ -104,7 +99,7 @@ def add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, si
     south, north, east, west = (0.0 if side == "l" else PAVEMENT for side in sides)
     x0, y0, x1, y1 = (block[0] + west, block[1] + south, block[2] - east, block[3] - north)
     deep = 9.0
-    mesh.panels([[x0, y0, 0.13], [x1, y0, 0.13], [x1, y1, 0.13], [x0, y1, 0.13]], finishes.SOIL)
+    mesh.panels(flat(x0, y0, x1, y1, 0.13), finishes.SOIL)
     rows = (
         (placed(x0, y0, 0.0), x1 - x0),
         (placed(x1, y1, np.pi), x1 - x0),

@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.city import BOUNDS, build_city, tour
-from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, placed
+from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, flat, placed
 from cycab_sim.world.paths import Path, Piece
 from cycab_sim.world.town import build_town, taught_path
 from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
@@ -137,8 +137,8 @@ def _build_corridor(seed: int) -> Mesh:
     end, h, top = CORRIDOR, HALF_WIDTH, STOREY
     wall, door = finishes.wall(rng), finishes.slats(finishes.pick(rng, finishes.WOODWORK))
     mesh.panels(BOX_FACES[5] * [end, 2 * h + 2, 0] - [0, h + 1, 0], finishes.ROOF_FLAT)
-    mesh.panels([[[0, -h, 0], [end, -h, 0], [end, h, 0], [0, h, 0]]], finishes.PAVING)
-    mesh.panels([[[0, h, top], [end, h, top], [end, -h, top], [0, -h, top]]], finishes.TRIM)
+    mesh.panels(flat(0, -h, end, h, 0), finishes.PAVING)
+    mesh.panels(flat(0, h, end, -h, top), finishes.TRIM)
     for x in (-0.3, end):
         mesh.box([x, -h, 0], [0.3, 2 * h, top], wall)
     mesh.box([end - 0.05, -0.6, 0], [0.05, 1.2, 2.2], door)  # the one mark of its kind, at the far end
@@ -159,10 +159,10 @@ def _build_ramp(seed: int) -> Mesh:
     mesh = MeshBuilder(rng, height=ground.height)
     edges = np.unique(np.concatenate([BREAKS[1:-1], np.arange(-40.0, 181.0, 10.0)]))
     for x0, x1 in pairwise(edges):
-        mesh.panels([[[x0, -60, -0.02], [x1, -60, -0.02], [x1, 60, -0.02], [x0, 60, -0.02]]], finishes.SOIL)
-        mesh.panels([[[x0, -3.75, 0], [x1, -3.75, 0], [x1, 3.75, 0], [x0, 3.75, 0]]], finishes.ASPHALT)
+        mesh.panels(flat(x0, -60, x1, 60, -0.02), finishes.SOIL)
+        mesh.panels(flat(x0, -3.75, x1, 3.75, 0), finishes.ASPHALT)
         for y in (-6.0, 3.75):
-            mesh.panels([[[x0, y, 0.1], [x1, y, 0.1], [x1, y + 2.25, 0.1], [x0, y + 2.25, 0.1]]], finishes.PAVING)
+            mesh.panels(flat(x0, y, x1, y + 2.25, 0.1), finishes.PAVING)
     for side in (0.0, np.pi):
         x = -36.0
         while x < 150.0:

@@ -10,6 +10,7 @@ import enum
 import math
 
 from path_follower.guard.params import GuardParams
+from path_follower.vehicle import clip
 
 
 class GuardReason(enum.StrEnum):
@@ -63,9 +64,9 @@ class Guard:
         seconds = min(max(now - self._passed_at, 0.0), 0.1)
         self._passed_at = now
         speed, yaw_rate = (0.0, 0.0) if self.reason else self._wanted
-        limited = self._towards(_clip(speed, p.max_speed), seconds)
+        limited = self._towards(clip(speed, p.max_speed), seconds)
         basis, turn = self._last if self.reason or speed == 0.0 else (speed, yaw_rate)
-        yaw_rate = _clip(turn * limited / basis, p.max_yaw_rate) if basis else 0.0
+        yaw_rate = clip(turn * limited / basis, p.max_yaw_rate) if basis else 0.0
         self._last = (limited, yaw_rate)
         return self._last
 
@@ -85,8 +86,4 @@ class Guard:
         last = self._last[0]
         goal = 0.0 if last * goal < 0.0 else goal
         limit = self.params.max_acceleration if abs(goal) > abs(last) else self.params.max_deceleration
-        return last + _clip(goal - last, limit * seconds)
-
-
-def _clip(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+        return last + clip(goal - last, limit * seconds)

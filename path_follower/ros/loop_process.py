@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
@@ -22,7 +22,6 @@ from typing import Any
 from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from path_follower.ros.front import LOOP, FrontNode
@@ -30,8 +29,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import ThrottledLog
-from sphere_nav.ros.qos import STATE
-from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
+from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.run import help_text, in_context, run, until_signal
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
@@ -42,45 +40,29 @@ PRIORITY = 10  # real-time (FIFO) priority of the loop, where the user may (limi
 NICE = -10  # of the loop otherwise, where the user may (limits.conf: nice); wakes up late on a crowded machine
 FRONT_PATIENCE = 1.2  # s for the front to end, after the zero command
 
-Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
 
-
-def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = None, start: Front | None = None) -> int:
-    """Run a loop and its front until told to stop; return 0, or 2 where the front could not start.
-
-    `start` starts the front's process with arguments and two descriptors to inherit, for `front.connected`.
-    """
-    words = sys.argv[1:] if args is None else list(args)
+def run_with_loop(front_class: type[FrontNode]) -> int:
+    """Run a loop and its front until told to stop; return 0, or 2 where the front could not start."""
+    words = sys.argv[1:]
     if LOOP in os.environ:
-        return run(front_class, args)
+        return run(front_class)
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
         return 0
     server = LoopServer(front_class, CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop"))))
-    begin = start or front_process(front_class)
-    with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(words, begin, stopped) as connection:
+    with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(front_class, stopped) as connection:
         return in_context(front_class.NAME, words, lambda: _serve(server, connection, stopped))
 
 
-def front_process(front_class: type[FrontNode]) -> Front:
-    """Return what starts the front as a Python process of its own."""
-
-    def start(words: Sequence[str], connection: int, life: int) -> subprocess.Popen[bytes]:
-        code = f"import sys; from {front_class.__module__} import main; sys.exit(main())"
-        environment = os.environ | {LOOP: f"{connection} {life}"}
-        return subprocess.Popen(
-            [sys.executable, "-P", "-c", code, *words], env=environment, pass_fds=(connection, life)
-        )
-
-    return start
-
-
 @contextmanager
-def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Connection]:
+def _front(front_class: type[FrontNode], stopped: Future) -> Iterator[Connection]:
     """Have a front, which ends with this process, and whose end stops this one; yield the connection to it."""
     ours, theirs = socket.socketpair()
     life, watched = os.pipe()  # the front reads what nobody writes
-    front = start(words, theirs.fileno(), life)
+    inherited = theirs.fileno(), life
+    code = f"import sys; from {front_class.__module__} import main; sys.exit(main())"
+    environment = os.environ | {LOOP: f"{inherited[0]} {inherited[1]}"}
+    front = subprocess.Popen([sys.executable, "-P", "-c", code, *sys.argv[1:]], env=environment, pass_fds=inherited)
     theirs.close()
     os.close(life)
     threading.Thread(target=_await_front, args=(front, stopped), daemon=True).start()
@@ -179,10 +161,11 @@ class LoopShell(RclpyShell):
     callbacks_name = "callbacks of the loop"  # beside those of the front, which has the same name in /diagnostics
 
     def __init__(self, front_class: type[FrontNode], failures: CallbackFailures, setup: dict[str, Any]) -> None:
-        self.topics: dict[str, str] = setup["topics"]
+        rules = [word for topic, name in setup["topics"].items() for word in ("-r", f"{topic}:={name}")]
         super().__init__(
             setup["name"],
             namespace=setup["namespace"],
+            cli_args=["--ros-args", *rules],
             use_global_arguments=False,
             start_parameter_services=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
@@ -210,17 +193,6 @@ class LoopShell(RclpyShell):
     def clock_jumped(self) -> None:
         """Forget everything with a stamp."""
         self.loop.ask("clock_jumped")
-
-    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """Return the name that the front has resolved."""
-        return self.topics.get(topic) or super().resolve_topic_name(topic, only_expand=only_expand)
-
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = STATE) -> LivePublisher:
-        """Publish under the resolved name."""
-        return super().add_publisher(self.topics.get(topic, topic), kind, profile)
-
-    def _source_of(self, wanted: Subscription) -> str:
-        return self.topics.get(wanted.topic, wanted.topic)
 
     def listen(self, wanted: Subscription) -> None:
         """Subscribe to bytes; a message is converted if it is of a reasonable size."""

@@ -12,9 +12,9 @@ from sphere_nav_msgs.srv import LoadTrajectory
 
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.path_files import make_path, read_path
+from path_follower.path_files import read_path
 from path_follower.ros.front import LoopRequests
-from path_follower.taught import taught_speeds, told_headings
+from path_follower.taught import make_path, taught_speeds, told_headings
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints

@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BPoly
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
@@ -308,8 +309,8 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     way = curve.arc if is_begin else curve.length - curve.arc
     is_between = strand.begin is not None and strand.end is not None
     span = max(min(BLEND, curve.length / (2.0 if is_between else 1.0)), 1e-6)
-    shift = fade(np.minimum(way / span, 1.0), left, slope * span, bend * span**2)
-    along = ahead * fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
+    shift = _fade(np.minimum(way / span, 1.0), left, slope * span, bend * span**2)
+    along = ahead * _fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
     x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)
     y = curve.y + shift * np.cos(curve.yaw) + along * np.sin(curve.yaw)
     faded = way < span
@@ -318,12 +319,9 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     strand.curve = EdgeCurve(x, y, np.unwrap(turned), curve.speed)
 
 
-def fade(u: Array, value: float, slope: float, bend: float) -> Array:
+def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
     """Return the polynomial of fifth degree with this value, slope and second derivative at 0, and zero ones at 1."""
-    u2, u3, u4, u5 = u**2, u**3, u**4, u**5
-    faded: Array = value * (1 - 10 * u3 + 15 * u4 - 6 * u5) + slope * (u - 6 * u3 + 8 * u4 - 3 * u5)
-    faded += 0.5 * bend * (u2 - 3 * u3 + 3 * u4 - u5)
-    return faded
+    return np.asarray(BPoly.from_derivatives([0.0, 1.0], [[value, slope, bend], [0.0, 0.0, 0.0]])(u))
 
 
 # --- nodes and edges

@@ -22,6 +22,7 @@ from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
+from path_follower.vehicle import Motion, clip, drive
 from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
@@ -97,14 +98,11 @@ def _behind(poses: Array, direction: int) -> Array:
 
     The follower smooths what it is given; a curve that began at the vehicle would begin only half as sharp.
     """
-    turn = wrap(float(poses[1, 2] - poses[0, 2])) if len(poses) > 1 else 0.0
-    behind, (x, y, yaw) = [], poses[0].tolist()
-    for _ in range(round(LEAD / SPACING) if len(poses) > 1 else 0):
-        x -= direction * SPACING * math.cos(yaw - turn / 2)
-        y -= direction * SPACING * math.sin(yaw - turn / 2)
-        yaw -= turn
-        behind.append((x, y, yaw))
-    return np.array(behind[::-1]).reshape(-1, 3)
+    if len(poses) < 2:
+        return np.empty((0, 3))
+    first, bend = Pose2(*poses[0].tolist()), wrap(float(poses[1, 2] - poses[0, 2])) / SPACING
+    back = Motion(-direction, math.atan(direction * bend))  # of a car whose wheelbase is 1 m
+    return np.array([drive(first, back, 1.0, SPACING * count) for count in range(round(LEAD / SPACING), 0, -1)])
 
 
 def join_curve(
@@ -126,12 +124,11 @@ def _steered(
 ) -> tuple[Array, float, float]:
     """Return the poses, where they end, and the largest offset over the first one."""
     law, limit = SteeringParams(), TURN_SHARE * vehicle.max_steering_angle
-    bend = direction * curve.bend
-    x, y, yaw, s = pose.x, pose.y, pose.yaw, 0.0
+    bend, s = direction * curve.bend, 0.0
     angle: float | None = None  # of the wheel: it may stand anyhow before the start
-    poses, offsets = [(x, y, yaw)], []
+    poses, offsets = [pose], []
     while True:
-        here = Pose2(x, y, yaw)
+        here = poses[-1]
         s = min(max(s + direction * between(curve.pose(s), here).x, 0.0), curve.length)
         _, left, turned = between(curve.pose(s), here)
         offsets.append(abs(left))
@@ -140,16 +137,12 @@ def _steered(
         if s >= reach - 1e-6 or len(poses) * SPACING > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
-        error = min(max(turned, -MAX_OFF_HEADING), MAX_OFF_HEADING)
+        error = clip(turned, MAX_OFF_HEADING)
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
         wheel = math.atan(vehicle.virtual_wheelbase * wanted)
         if is_firm and direction * left * turned > 0.0:
             wheel = -direction * math.copysign(limit, turned)
         if angle is not None:
-            wheel = min(max(wheel, angle - TURN_RATE * SPACING), angle + TURN_RATE * SPACING)
-        angle = min(max(wheel, -limit), limit)
-        turn = direction * SPACING * math.tan(angle) / vehicle.virtual_wheelbase
-        x += direction * SPACING * math.cos(yaw + turn / 2)
-        y += direction * SPACING * math.sin(yaw + turn / 2)
-        yaw += turn
-        poses.append((x, y, yaw))
+            wheel = angle + clip(wheel - angle, TURN_RATE * SPACING)
+        angle = clip(wheel, limit)
+        poses.append(drive(here, Motion(direction, angle), vehicle.virtual_wheelbase, SPACING))

@@ -109,7 +109,7 @@ class MissionRecord:
     goal: Goal | None
     laps_left: int
     driven: float
-    lap_legs: tuple[int, int]
+    round_legs: int
     seconds: float
     legs: tuple[Leg, ...]
     change: float
@@ -135,7 +135,7 @@ class Mission:
         self.permission = 0  # under which it asks
         self._heard: tuple[int, float] | None = None  # the newest permission that the follower has told, and when
         self._seconds = 0.0  # that the whole way takes
-        self._lap_legs = (0, 0)  # legs to the goal, legs of a round
+        self._round_legs = 0  # legs of a round
         self._pending: tuple[Request, float] | None = None
         self._ending: str | None = None  # why the mission ends once the vehicle stands
         self._loaded: Course | None = None  # the last that the follower was given
@@ -214,7 +214,7 @@ class Mission:
         self._permit()
         self.goal, self.laps_left, self.driven, self.outcome = goal, goal.laps, 0.0, None
         self._retry_at = 0.0
-        self.course, self.progress, self._lap_legs = None, 0.0, (0, 0)
+        self.course, self.progress, self._round_legs = None, 0.0, 0
         self._obstacle, self._ending, self._is_restored = None, None, False
         self._go(MissionState.STOPPING if is_under_way else MissionState.WAITING, now)
 
@@ -522,16 +522,15 @@ class Mission:
                     raise
                 continue
             self._seconds = whole.seconds
-            self._lap_legs = len(route.legs), (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
+            self._round_legs = (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
             return course
 
     def _laps_to_go(self) -> int:
         """Return how many rounds are left after the goal has been reached once more."""
-        first, each = self._lap_legs
-        if self.course is None or not each:
+        if self.course is None or not self._round_legs:
             return self.laps_left
-        done = self.course.leg_at(self.progress) - first
-        return self.laps_left if done < 0 else max(self.laps_left - 1 - done // each, 0)
+        after = len(self.course.legs) - 1 - self.course.leg_at(self.progress)
+        return min(after // self._round_legs, self.laps_left)
 
     # --- what is said
     @property
@@ -564,7 +563,7 @@ class Mission:
     # --- over a restart
     def snapshot(self) -> MissionRecord:
         """Return what a mission needs to survive."""
-        course, state = self.course, (self.laps_left, self.driven, self._lap_legs, self._seconds)
+        course, state = self.course, (self.laps_left, self.driven, self._round_legs, self._seconds)
         way = ((), 0.0, 0.0) if course is None else (course.legs, course.change, course.lead)
         return MissionRecord(self.network.map_id, tuple(sorted(self.closed)), self.permission, self.goal, *state, *way)
 
@@ -575,7 +574,7 @@ class Mission:
             return
         self.spots_of(record.goal)
         self.goal, self.laps_left, self.driven = record.goal, record.laps_left, record.driven
-        self.permission, self._lap_legs, self._seconds = record.permission, record.lap_legs, record.seconds
+        self.permission, self._round_legs, self._seconds = record.permission, record.round_legs, record.seconds
         if record.legs and all(leg.edge in self.network.edges for leg in record.legs):
             none = np.empty(0)
             self.course = self._loaded = Course(*4 * (none,), record.legs, record.change, record.lead)

@@ -17,7 +17,7 @@ from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
 from sphere_nav.params.homes import user_folder
 
-FORMAT, VERSION = "sphere_nav mission", 2
+FORMAT, VERSION = "sphere_nav mission", 3
 MAX_LAPS = 65_535
 
 

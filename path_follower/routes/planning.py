@@ -7,7 +7,7 @@ on the edge that it began on.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -50,8 +50,8 @@ class Route:
 
 def plan(
     network: Network,
-    starts: Iterable[Spot],
-    goals: Iterable[Spot],
+    starts: Sequence[Spot],
+    goals: Sequence[Spot],
     *,
     cruise: float,
     closed: Collection[int] = (),
@@ -62,43 +62,45 @@ def plan(
     `is_round`: to where it starts, once around. Edges that are closed are not driven; a vehicle that stands on one may
     leave it backwards, where that is allowed.
     """
-    goals = list(goals)
-    queue: list[tuple[float, int, bool, Leg, _Trail]] = []  # cost, number, whether a goal is reached, leg, those before
+    queue: list[tuple[float, int, bool, tuple[Leg, ...]]] = []  # cost, number, whether a goal is reached, legs
     numbers = count()
 
-    def add(cost: float, leg: Leg, trail: _Trail = None) -> None:
+    def add(cost: float, leg: Leg, before: tuple[Leg, ...] = ()) -> None:
         """Add a leg, and its part up to each goal on it; one just behind the start is reached, but not by a round."""
-        edge, is_first = network.edges[leg.edge], trail is None
-        pace = edge.seconds(cruise) / max(edge.length, 1e-9) * (1.0 if leg.direction > 0 else REVERSE_COST)
-        least = (AT_PLACE if is_round else -AT_PLACE) if is_first else 0.0
-        heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, leg, trail))
+        edge = network.edges[leg.edge]
+        pace = _pace(edge, cruise) * (1.0 if leg.direction > 0 else REVERSE_COST)
+        least = 0.0 if before else AT_PLACE if is_round else -AT_PLACE
+        heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, (*before, leg)))
         for s in (goal.s for goal in goals if goal.edge == edge.id):
             ahead = leg.direction * (s - leg.first)
             if least <= ahead <= leg.length + 1e-9:
                 part = replace(leg, last=s if ahead > 0.0 else leg.first)
-                heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, part, trail))
+                heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, (*before, part)))
 
-    for leg in _first(network, list(starts), closed):
+    for leg in _first(network, starts, closed):
         add(0.0, leg)
-    done: set[tuple[int, int]] = set()
+    done: set[tuple[int, int, bool]] = set()
     while queue:
-        cost, _, is_end, leg, trail = heapq.heappop(queue)
+        cost, _, is_end, legs = heapq.heappop(queue)
         if is_end:
-            return _route(network, leg, trail, cruise)
-        if trail is not None and (leg.edge, leg.direction) in done:
+            return Route(legs, sum(_pace(network.edges[leg.edge], cruise) * leg.length for leg in legs))
+        leg = legs[-1]
+        key = leg.edge, leg.direction, len(legs) == 1  # a part of an edge stands for no whole one
+        if key in done:
             continue
-        done |= {(leg.edge, leg.direction)} if trail is not None else set()
+        done.add(key)
         for following in _next(network, leg, closed):
-            if (following.edge, following.direction) not in done:
-                add(cost + CUSP_COST * (following.direction != leg.direction), following, (leg, trail))
+            add(cost + CUSP_COST * (following.direction != leg.direction), following, legs)
     named = f" while {', '.join(map(str, sorted(closed)))} are closed" if closed else ""
     raise ValueError(f"no way: no edges lead there from here{named}")
 
 
-_Trail = tuple[Leg, "_Trail"] | None
+def _pace(edge: RouteEdge, cruise: float) -> float:
+    """Return how many seconds a metre of an edge takes."""
+    return edge.seconds(cruise) / max(edge.length, 1e-9)
 
 
-def _first(network: Network, starts: list[Spot], closed: Collection[int]) -> list[Leg]:
+def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) -> list[Leg]:
     """Return the legs on which it may begin; ValueError where there is none."""
     if not starts:
         raise ValueError("no way: expected a start on the network, found none")
@@ -131,16 +133,6 @@ def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[Leg]:
         for direction in _directions(other) if other.id not in closed else ():
             if node == (other.start if direction > 0 else other.end):
                 yield _rest(other, direction, 0.0 if direction > 0 else other.length)
-
-
-def _route(network: Network, leg: Leg, trail: _Trail, cruise: float) -> Route:
-    legs = [leg]
-    while trail is not None:
-        before, trail = trail
-        legs.insert(0, before)
-    edges = [network.edges[part.edge] for part in legs]
-    times = (e.seconds(cruise) * (part.length / max(e.length, 1e-9)) for part, e in zip(legs, edges, strict=True))
-    return Route(tuple(legs), sum(times))
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:

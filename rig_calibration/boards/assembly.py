@@ -17,7 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
-from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE, NUM_ALTERNATIONS
+from rig_calibration.boards.views import BoardView
+from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 
@@ -25,20 +26,15 @@ from sphere_nav.geometry.arrays import Array
 def hand_eye(M: SE3, A: SE3) -> tuple[SE3, SE3]:
     """Return X and Z of X M_i = A_i Z, of batches (N,), N >= 3.
 
-    Turns from instant to instant give the rotation of X, X (M_i M_j^-1) = (A_i A_j^-1) X, alternation both rotations,
-    and a refinement all twelve numbers. What the motion does not show (a translation along the only axis of rotation)
+    Turns from instant to instant give the rotation of X, X (M_i M_j^-1) = (A_i A_j^-1) X, and with it that of Z; a
+    refinement gives all twelve numbers. What the motion does not show (a translation along the only axis of rotation)
     stays near zero.
     """
     before = np.roll(np.arange(len(M.matrix)), 1)
     turns = [so3.log((T @ T[before].inverse()).rotation) for T in (A, M)]
     R_X = so3.nearest_rotations(turns[0].T @ turns[1])
-    for _ in range(NUM_ALTERNATIONS):
-        R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
-        R_X = so3.nearest_rotations(np.sum(A.rotation @ R_Z @ np.swapaxes(M.rotation, 1, 2), axis=0))
-    left = np.concatenate([np.broadcast_to(np.eye(3), M.rotation.shape), -A.rotation], axis=-1).reshape(-1, 6)
-    right = (A.translation - np.einsum("ij,nj->ni", R_X, M.translation)).ravel()
-    t = np.linalg.lstsq(left, right, rcond=1e-6)[0]
-    X, Z = SE3.from_parts(R_X, t[:3]), SE3.from_parts(R_Z, t[3:])
+    R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
+    X, Z = (SE3.from_parts(R, np.zeros(3)) for R in (R_X, R_Z))
     scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
 
     def errors(step: Array) -> Array:
@@ -54,12 +50,17 @@ Key = tuple[str, int]  # "camera" or "board", and its index
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A board seen by a camera at an instant, by their indices: `T_camera_board` (K,), one for every turn."""
+    """A board seen by a camera at an instant, as its camera alone explains it.
+
+    Camera and board by their indices; `T_camera_board` (K,), one for every turn; weights (n,) of the view's corners.
+    """
 
     camera: int
-    instant: int
+    instant: str
     board: int
     T_camera_board: SE3
+    view: BoardView
+    weights: Array
 
     @property
     def reach(self) -> float:
@@ -76,14 +77,14 @@ class Assembly:
     boards: dict[int, SE3] = field(default_factory=dict)
 
     @cached_property
-    def by_instant(self) -> dict[int, list[Sighting]]:
+    def by_instant(self) -> dict[str, list[Sighting]]:
         """What was seen at each instant."""
         grouped = defaultdict(list)
         for sighting in self.sightings:
             grouped[sighting.instant].append(sighting)
         return dict(grouped)
 
-    def rig_poses(self, instant: int) -> SE3:
+    def rig_poses(self, instant: str) -> SE3:
         """Return candidates (K,) of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
         placed = [(self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix for s in known]

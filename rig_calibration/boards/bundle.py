@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy.special import huber
 
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.constants import FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
@@ -130,20 +130,14 @@ def _cost(errors: Array, weights: Array, huber_px: float) -> float:
     size = np.linalg.norm(errors[weights > 0], axis=-1)
     if not np.all(np.isfinite(size)):
         return float("inf")
-    quadratic = np.minimum(size, huber_px)
-    linear = np.where(size > huber_px, 2.0 * quadratic * (size - quadratic), 0.0)
-    return float(weights[weights > 0] @ (quadratic**2 + linear))
+    return float(2.0 * weights[weights > 0] @ huber(huber_px, size))
 
 
 def _step(H: Array, gradient: Array, damping: float) -> Array:
-    """Return the damped step, the smallest of all where the images leave an axis open; zeros where nothing is told."""
+    """Return the damped step; zeros where nothing is told."""
     told = np.flatnonzero(np.diag(H) > 0)
     scale = 1.0 / np.sqrt(np.diag(H)[told])
     scaled = H[np.ix_(told, told)] * scale * scale[:, None] + (damping + TINY) * np.eye(len(told))
     step = np.zeros(len(gradient))
-    try:
-        solved = linalg.cho_solve(linalg.cho_factor(scaled, check_finite=False), scale * gradient[told])
-    except linalg.LinAlgError:
-        solved = linalg.lstsq(scaled, scale * gradient[told])[0]
-    step[told] = -scale * solved
+    step[told] = -scale * np.linalg.solve(scaled, scale * gradient[told])
     return step

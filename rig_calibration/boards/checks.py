@@ -3,8 +3,8 @@
 Whether the joint adjustment says of every camera what its own images say: if not, instants were none.
 
 Where images that are taken for one instant were not taken at one, the rig cannot be rigid in the adjustment, and lenses
-or residuals bear it. Either test raises a false alarm once in a thousand calibrations of a camera: a lens by chi2 (the
-joint estimate is the better one, so their difference varies less than the single one), residuals by F.
+bear it. The test raises a false alarm once in a thousand calibrations of a camera, by chi2: the joint estimate is the
+better one, so their difference varies less than the single one.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtrc, fdtri
+from scipy.special import chdtrc
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.views import BoardView
 from rig_calibration.constants import (
-    ERRORS_OF_VIEW,
     FALSE_ALARM,
     MIN_SEEN,
     MIN_VIEWS,
@@ -30,21 +29,14 @@ from sphere_nav.geometry.arrays import Array
 REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
 
 
-def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses: Array, rms_px: Array) -> list[str]:
-    """Return a line for every camera whose joint lens (C, 12) or RMS residual (C,) disagrees with its own."""
-    if len(names) < 2:
-        return []
+def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses: Array) -> list[str]:
+    """Return a line for every camera whose joint lens (C, 12) disagrees with its own; one alone has no other."""
     lines = []
-    for name, single, lens, rms in zip(names, singles, lenses, rms_px, strict=True):
-        found = []
-        number = ERRORS_OF_VIEW * max(single.num_views, 1)
-        if rms**2 > single.rms_px**2 * fdtri(number, number, 1.0 - FALSE_ALARM):
-            found.append(f"residuals of {rms:.2f} px in place of {single.rms_px:.2f}")
-        if (chance := lens_chance(single, lens)) < FALSE_ALARM:
+    for name, single, lens in zip(names, singles, lenses, strict=True):
+        if len(names) > 1 and (chance := lens_chance(single, lens)) < FALSE_ALARM:
             moved = ", ".join(f"{change:+.2f}" for change in (lens - single.lens)[:4])
-            found.append(f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})")
-        if found:
-            lines.append(f"{name}: by itself and with the others it is not the same camera: {'; '.join(found)}")
+            found = f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})"
+            lines.append(f"{name}: by itself and with the others it is not the same camera: {found}")
     return [*lines, REMEDY] if lines else []
 
 

@@ -99,8 +99,7 @@ def _by_camera(covariance: Array, T_rig_camera: SE3, noise: float) -> Spread:
 
 def _rotate_covariance(covariance: Array, R: Array) -> Array:
     """Turn a covariance (6, 6) into other axes; an open axis stays open along all axes it has a part of."""
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = R
+    both = np.kron(np.eye(2), R)
     is_open = np.isinf(np.diag(covariance))
     finite = np.where(np.isinf(covariance), 0.0, covariance)
     turned = both @ finite @ both.T

@@ -93,12 +93,10 @@ def view_medians(seen: Observations, size: Array, kept: Array) -> Array:
 
 def _worst_of_instants(seen: Observations, excess: Array) -> list[int]:
     """Return the views over their limit, of each instant the one that is most."""
-    worst: dict[int, int] = {}
-    for view in np.flatnonzero(excess > 1.0):
-        instant = int(seen.instant[view])
-        if instant not in worst or excess[view] > excess[worst[instant]]:
-            worst[instant] = int(view)
-    return sorted(worst.values())
+    over = np.flatnonzero(excess > 1.0)
+    worst_first = over[np.argsort(-excess[over], kind="stable")]
+    _, first = np.unique(seen.instant[worst_first], return_index=True)
+    return sorted(worst_first[first].tolist())
 
 
 def noise_px(errors: Array, kept: Array) -> float:

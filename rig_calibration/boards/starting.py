@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig_calibration.boards.assembly import Assembly, Sighting, assemble, board_turns
+from rig_calibration.boards.assembly import Assembly, Sighting, assemble
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import residuals
 from rig_calibration.boards.checks import check_joined
@@ -29,15 +29,6 @@ class StartingPoint:
     kept: Array
 
 
-@dataclass(frozen=True, eq=False)
-class FittedView:
-    """A view as its camera alone explains it: where the board was, and the weights (n,) of its corners."""
-
-    view: BoardView
-    T_camera_board: SE3
-    weights: Array
-
-
 def camera_observations(views: Sequence[BoardView], boards: Mapping[str, Board]) -> Observations:
     """Return the views of one camera."""
     zeros, points = [0] * len(views), [boards[view.board].points[view.corners] for view in views]
@@ -47,7 +38,7 @@ def camera_observations(views: Sequence[BoardView], boards: Mapping[str, Board])
 def start_of_rig(
     names: Sequence[str],
     boards: Sequence[Board],
-    fitted: Sequence[FittedView],
+    seen: list[Sighting],
     singles: Sequence[SingleCamera],
     T_rig_reference: SE3,
 ) -> StartingPoint:
@@ -55,23 +46,14 @@ def start_of_rig(
 
     A board that looks alike after a turn gives one pose for every turn. ValueError names the cameras that stay apart.
     """
-    instants = sorted({one.view.instant for one in fitted})
-    cameras, times, places = (
-        {n: i for i, n in enumerate(all_)} for all_ in (names, instants, [b.name for b in boards])
-    )
-    turns = [board_turns(board).inverse() for board in boards]
-    seen = []
-    for view, T in ((one.view, one.T_camera_board) for one in fitted):
-        camera, instant, board = cameras[view.camera], times[view.instant], places[view.board]
-        seen.append(Sighting(camera, instant, board, T @ turns[board]))
     found = assemble(seen, T_rig_reference, len(names))
     check_joined(names, set(found.cameras))
     poses = {i: rigs[0] for i in sorted(found.by_instant) if len((rigs := found.rig_poses(i)).matrix)}
     order = {instant: row for row, instant in enumerate(poses)}
-    pairs = [(s, one) for s, one in zip(seen, fitted, strict=True) if s.instant in poses and s.board in found.boards]
-    views = tuple(_turn_view(one.view, s, found, poses[s.instant], boards[s.board]) for s, one in pairs)
-    camera_of, instant_of, board_of = zip(*((s.camera, order[s.instant], s.board) for s, _ in pairs), strict=True)
-    points = [boards[s.board].points[view.corners] for (s, _), view in zip(pairs, views, strict=True)]
+    joined = [s for s in seen if s.instant in poses and s.board in found.boards]
+    views = tuple(_turn_view(s, found, poses[s.instant], boards[s.board]) for s in joined)
+    camera_of, instant_of, board_of = zip(*((s.camera, order[s.instant], s.board) for s in joined), strict=True)
+    points = [boards[s.board].points[view.corners] for s, view in zip(joined, views, strict=True)]
     state = RigState(
         np.stack([lens_of(single.camera) for single in singles]),
         _stack([found.cameras[i] for i in range(len(singles))]),
@@ -83,15 +65,15 @@ def start_of_rig(
     reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
     observed = observations(camera_of, instant_of, board_of, points, [view.pixels for view in views])
     problem = rig_problem(models, sizes, observed, len(boards), reference)
-    is_seen, weights = np.isfinite(residuals(problem, state)[:, 0]), np.concatenate([one.weights for _, one in pairs])
+    is_seen, weights = np.isfinite(residuals(problem, state)[:, 0]), np.concatenate([s.weights for s in joined])
     return StartingPoint(views, problem, state, np.where(is_seen, weights, 0.0))
 
 
-def _turn_view(view: BoardView, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> BoardView:
+def _turn_view(sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> BoardView:
     """Number the corners by the turn of the board that fits where board, camera and rig are."""
     expected = (T_world_rig @ found.cameras[sighting.camera]).inverse() @ found.boards[sighting.board]
     off = np.linalg.norm(sighting.T_camera_board.matrix - expected.matrix, axis=(-2, -1))
-    return replace(view, corners=board.turns[int(np.argmin(off))][view.corners])
+    return replace(sighting.view, corners=board.turns[int(np.argmin(off))][sighting.view.corners])
 
 
 def _stack(poses: list[SE3]) -> SE3:

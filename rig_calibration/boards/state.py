@@ -54,18 +54,16 @@ class AdjustmentProblem:
         """Return a camera as its model."""
         return camera_of(self.models[index], self.sizes[index], state.lenses[index], NUM_DISTORTION)
 
-    def held(self, what: slice = slice(None)) -> AdjustmentProblem:
-        """Return the problem with some of the shared parameters held, or all of them."""
-        free = self.is_free.copy()
-        free[what] = False
-        return replace(self, is_free=free)
+    def held(self) -> AdjustmentProblem:
+        """Return the problem with all shared parameters held."""
+        return replace(self, is_free=np.zeros_like(self.is_free))
 
 
 def rig_problem(
     models: tuple[str, ...],
     sizes: tuple[tuple[int, int], ...],
     seen: Observations,
-    num_boards: int,
+    num_boards: int = 1,
     reference_board: int = 0,
 ) -> AdjustmentProblem:
     """Return the whole problem; the first camera and one board stay where they are, to hold rig and world."""
@@ -75,19 +73,7 @@ def rig_problem(
     return AdjustmentProblem(models, sizes, seen, np.concatenate([*cameras, *boards]))
 
 
-def camera_problem(model: str, size: tuple[int, int], seen: Observations) -> AdjustmentProblem:
-    """Return the problem of one camera by itself: every view has a pose of its own, boards do not matter."""
-    alone = replace(
-        seen,
-        camera=np.zeros(seen.num_views, dtype=np.intp),
-        instant=np.arange(seen.num_views),
-        board=np.zeros(seen.num_views, dtype=np.intp),
-    )
-    free = np.concatenate([free_parameters(model, NUM_DISTORTION), np.zeros(12, dtype=bool)])
-    return AdjustmentProblem((model,), (size,), alone, free)
-
-
 def camera_state(lens: Array, T_camera_board: SE3) -> RigState:
-    """Return the state of `camera_problem`; a rig pose is the camera's in the frame of the board it sees."""
+    """Return the state of a rig of one camera; a rig pose is the camera's in the frame of the board it sees."""
     origin = SE3(np.eye(4)[None])
     return RigState(lens[None], origin, origin, T_camera_board.inverse())

@@ -71,13 +71,6 @@ class Observations:
         found, first, count = np.unique(of_corner, return_index=True, return_counts=True)
         return [(int(c), slice(int(a), int(a + n))) for c, a, n in zip(found, first, count, strict=True)]
 
-    def per_view_rms(self, residuals: Array, weights: Array) -> Array:
-        """Return the RMS (V,) of the residuals (N, 2) of corners with a weight; NaN for views without any."""
-        squared = np.sum(residuals**2, axis=-1)
-        total = np.bincount(self.view, weights * squared, minlength=self.num_views)
-        count = np.bincount(self.view, weights, minlength=self.num_views)
-        return np.sqrt(total / np.where(count > 0, count, np.nan))
-
 
 def observations(
     camera: Sequence[int],

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
+from rig_calibration.constants import MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
-from sphere_nav.geometry import SE3, Camera, Spherical, so3
-from sphere_nav.geometry.arrays import Array, Flags, Floats
+from sphere_nav.geometry import SE3, Spherical, so3
+from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.cameras.camera import inside
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
@@ -98,7 +99,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     data, camera, T_camera_map = image.levels[level], lens.level(level), state.pose.inverse()
     points, J_map = _points_in_camera(image, data.points_map, T_camera_map, lens)
     pixels, _ = project_rolling(camera, points, lens.readout * image.velocity, SAME_ROW)
-    seen = inner(pixels, camera)
+    seen = inside(pixels, camera)
     points, pixels = points[seen], pixels[seen]
     current, gradient = sample_with_gradient(data.image, pixels)
     J_point = camera.J_project(points)
@@ -128,15 +129,6 @@ def _points_in_camera(
     T_camera_optical = T_camera_map @ image.T_map_optical
     points, J = lens.correct_map(image.T_map_optical.inverse().apply(points_map))
     return T_camera_optical.apply(points), T_camera_optical.rotation @ J
-
-
-def inner(pixels: Array, camera: Camera) -> Flags:
-    """Say which pixels (N, 2) lie within the image, away from its border; NaN does not."""
-    u, v = pixels.T
-    with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (u >= MARGIN) & (v >= MARGIN) & (u <= camera.width - 1 - MARGIN) & (v <= camera.height - 1 - MARGIN)
-        )
 
 
 def sample_with_gradient(image: Floats, pixels: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
+from scipy.special import huber, ndtr, stdtrit
 
 from rig_calibration.constants import (
     APART,
@@ -161,8 +161,7 @@ def settle_image(image: DriveImage, state: ImageState, lens: Lens) -> Array:
 
 def _cost(residual: Array, sigma: float) -> float:
     """Return the mean of Huber's rho of residuals (N,) over sigma."""
-    size = np.abs(residual) / sigma
-    return float(np.mean(np.where(size <= HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))))
+    return float(np.mean(huber(HUBER, residual / sigma)))
 
 
 def lens_distance(a: Lens, b: Lens, speed: float = 0.0) -> float:

@@ -12,7 +12,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.reasons import GENTLE
-from path_follower.taught import reference_path
+from path_follower.taught import make_path as path_of
 
 SECOND = 1_000_000_000
 FINE_STEP = 0.005  # s
@@ -140,9 +140,7 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
 
 
 def make_path(points, params, yaw=None, speed=None, is_closed=False):
-    return reference_path(
-        points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
-    )
+    return path_of(points, yaw, speed, params, is_closed=is_closed)
 
 
 def course(*pieces, step=0.05, start=(0.0, 0.0, 0.0)):

@@ -7,7 +7,7 @@ import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import jacobian, residuals
-from rig_calibration.boards.intrinsics import board_poses
+from rig_calibration.boards.intrinsics import board_pose
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.constants import MAX_POSITION_STD_M
@@ -73,9 +73,8 @@ def test_the_adjustment_moves_by_the_derivatives_that_it_says(calibrated):
             np.testing.assert_allclose(change, 2e-6 * J[rows, :, k], atol=4e-9)  # px per m, up to 1000
 
 
-def test_a_board_beyond_90_degrees_is_found_beside_another_tilt():
+def test_a_board_beyond_90_degrees_is_found():
     board, T = Board("b", 9, 6, 0.1), SE3.exp([0.9, 0.1, -0.3, 0.2, 1.7, 0.1])
     points = T.apply(board.points)
-    found, other = board_poses(points / np.linalg.norm(points, axis=-1, keepdims=True), board.points)
+    found = board_pose(points / np.linalg.norm(points, axis=-1, keepdims=True), board.points)
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-6)
-    assert float(other.distance(T)[1]) > 0.1

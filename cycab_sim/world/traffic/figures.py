@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -191,7 +191,7 @@ def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Gen
     for side in (-1.0, 1.0):
         for left in x:
             y, ends = 1.2 * side, (left, left + 1.1) if side < 0 else (left + 1.1, left)
-            mesh.panels([[[ends[0], y, 1.0], [ends[1], y, 1.0], [ends[1], y, 2.5], [ends[0], y, 2.5]]], glass)
+            mesh.panels(upright(*ends, 1.0, 2.5, y), glass)
     add_frustum(mesh, np.eye(4), (back, front, 1.19, 1.0), (back + tail, front - nose, 1.19, 2.55), glass)
     add_frustum(mesh, np.eye(4), (back + tail, front - nose, 1.2, 2.5), (back + tail, front - nose, 1.1, 3.1), body)
     mesh.box([-1.2, -0.7, 3.1], [2.2, 1.4, 0.25], finishes.METAL)

@@ -71,22 +71,16 @@ class Traffic:
         ahead = front - back
         yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
         T = np.zeros((len(way), 4, 4))
-        c, s, zero, one = np.cos(yaw), np.sin(yaw), np.zeros(len(way)), np.ones(len(way))
-        rotation = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
-        T[:, :3, :3] = rotation @ self._turns(way)
+        p = self._parts
+        swing = p["swing"] * np.sin(p["wave"] * way + p["phase"]) + p["roll"] * way
+        rotation = _turns(yaw, 0, 1)
+        T[:, :3, :3] = rotation @ _turns(swing, 2, 0)
         T[:, :2, 3], T[:, 2, 3], T[:, 3, 3] = (front + back) / 2, self._heights(), 1.0
         pivot = self._parts["pivot"][..., None]
         T[:, :3, 3] += (rotation @ pivot - T[:, :3, :3] @ pivot)[..., 0]
         if clear is not None:
             T[self._is_near(T, yaw, clear, radius), 2, 3] = AWAY
         return T
-
-    def _turns(self, way: Array) -> Array:
-        """Return the turns of parts about y (P, 3, 3) after a way (P,) m."""
-        p = self._parts
-        angle = p["swing"] * np.sin(p["wave"] * way + p["phase"]) + p["roll"] * way
-        c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(len(way)), np.ones(len(way))
-        return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=1).reshape(-1, 3, 3)
 
     def _on_loops(self, way: Array) -> Array:
         points = np.empty((len(way), 2))
@@ -110,6 +104,14 @@ class Traffic:
 
 
 _NUMBERS = ("ahead", "base", "pivot", "swing", "wave", "phase", "roll")
+
+
+def _turns(angles: Array, first: int, second: int) -> Array:
+    """Return rotations (P, 3, 3) by angles (P,) that turn one axis towards another one."""
+    R = np.tile(np.eye(3), (len(angles), 1, 1))
+    R[:, first, first] = R[:, second, second] = np.cos(angles)
+    R[:, second, first], R[:, first, second] = np.sin(angles), -np.sin(angles)
+    return R
 
 
 def _reach(part: RigidPart) -> float:

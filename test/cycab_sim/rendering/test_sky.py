@@ -6,7 +6,7 @@ from cycab_sim.rendering.sky import SUN, is_constant, light_at, sun_angles
 
 
 def test_the_sun_goes_from_east_over_south_to_west():
-    azimuths, elevations = np.degrees([sun_angles(hour) for hour in (7.0, 12.0, 17.0)]).T
+    azimuths, elevations = np.degrees([sun_angles(hour, np.radians(20.0)) for hour in (7.0, 12.0, 17.0)]).T
     assert -20.0 < azimuths[0] < 20.0  # east is the x axis
     assert azimuths[1] == pytest.approx(-90.0)
     assert abs(azimuths[2]) > 160.0

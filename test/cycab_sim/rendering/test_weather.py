@@ -1,10 +1,13 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
+from cycab_sim.rendering.embree import PacketScene
 from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.weather import PixelView, Weather
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT
@@ -40,6 +43,7 @@ def test_what_stands_before_a_lamp_takes_its_light(box_mesh):
 
 
 HEIGHT = 0.4  # of the level ground below, m
+POOL = ThreadPoolExecutor(1)
 
 
 def weather_of(season, light=None, noise=0.0):
@@ -47,7 +51,8 @@ def weather_of(season, light=None, noise=0.0):
     mesh = MeshBuilder(np.random.default_rng(1))
     mesh.panels([[[-50, -50, HEIGHT], [50, -50, HEIGHT], [50, 50, HEIGHT], [-50, 50, HEIGHT]]], ASPHALT)
     built = mesh.build()
-    weather = Weather(built, built, light or LightParams(), season)
+    sky = ShadowMap(PacketScene(built.triangles), (1.0, 0.0), np.array([0.0, 0.0, 1.0]), np.zeros(3), POOL)  # open
+    weather = Weather(built, built, light or LightParams(), season, sky)
     weather._noise = lambda *_: np.full(3, noise, np.float32)
     down = np.array([0.2, 0.5, 0.9])
     rays = np.stack([0.6 * np.sqrt(1 - down**2), 0.8 * np.sqrt(1 - down**2), -down], axis=1).astype(np.float32)

@@ -29,7 +29,7 @@ def run(exposure, radiances):
 def test_the_exposure_comes_to_its_target_after_its_delay(monkeypatch):
     monkeypatch.setattr(ImagingParams, "exposure_delay", 0.2)
     monkeypatch.setattr(ImagingParams, "exposure_lag", 0.5)
-    levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.17] * 40 + [0.6] * 60)
+    levels = run(Exposure(AUTOMATIC, (1, 2)), [0.17] * 40 + [0.6] * 60)
     assert levels[39] == pytest.approx(115.0, abs=1.0)
     assert levels[40] > levels[39] + 60.0  # the light has changed at once
     assert levels[41] == pytest.approx(levels[40])  # and nothing is known of it for 0.2 s
@@ -41,7 +41,7 @@ def test_an_open_shutter_means_the_light_and_not_the_levels():
     def draw(offset):
         return np.full((2, 2), 255.0 if offset > 0 else 0.0, np.float32), np.zeros((2, 2), np.float32)
 
-    np.testing.assert_allclose(averaged(draw, 0.01, 4, GAMMA), 255.0 * 0.5 ** (1 / GAMMA), rtol=1e-5)
+    np.testing.assert_allclose(averaged(draw, 0.01, 4), 255.0 * 0.5 ** (1 / GAMMA), rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -71,7 +71,7 @@ def test_noise_has_its_size_and_belongs_to_its_image():
 
 
 def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_middle():
-    fall = vignette(Pinhole(81, 61, 50.0, 50.0, 40.0, 30.0), 0.4, 2.2)
+    fall = vignette(Pinhole(81, 61, 50.0, 50.0, 40.0, 30.0), 0.4)
     assert fall.shape == (61, 81)
     assert fall[30, 40] == 1.0
     assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)

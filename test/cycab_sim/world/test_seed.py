@@ -65,7 +65,7 @@ def ways(some: tuple[loops.Loop, ...]) -> list[object]:
 
 
 def paths() -> list[object]:
-    some = [*(town.taught_path(PLAN, name) for name in town.path_names()), city.tour()]
+    some = [*(town.taught_path(PLAN, name) for name in ("two_turns", "block", "straight")), city.tour()]
     return [path.at(np.linspace(-3.0, path.length + 3.0, 300)) for path in some]
 
 

@@ -41,12 +41,9 @@ def test_the_block_is_closed():
     assert path.length > 120.0
 
 
-SNAKE = Path((1.0, 2.0, 0.3), (Piece(5.0), turn(4.0, 90), Piece(3.0), turn(6.0, -45), Piece(2.0)))
-
-
-def test_projection_finds_the_distance_again(rng):
-    for s in rng.uniform(0.5, SNAKE.length - 0.5, 50):
-        x, y, yaw, _ = SNAKE.at(np.array(s))
-        off = rng.uniform(-0.3, 0.3)
-        found = SNAKE.project(x - off * np.sin(yaw), y + off * np.cos(yaw), s + rng.uniform(-1, 1))
-        assert found == pytest.approx(s, abs=0.005)  # first order within a grid of 25 mm on curvature 1/4
+def test_a_path_turns_by_its_radius_and_goes_straight_on_beyond_its_ends():
+    path = Path((1.0, 2.0, 0.0), (Piece(5.0), turn(4.0, 90)))
+    before, corner, beyond = path.at(np.array([-1.0, 5.0, path.length + 2.0]))
+    np.testing.assert_allclose(before, [0.0, 2.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(corner, [6.0, 2.0, 0.0, 0.25], atol=1e-12)
+    np.testing.assert_allclose(beyond, [10.0, 8.0, np.pi / 2, 0.25], atol=1e-12)

@@ -10,11 +10,11 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
-from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.planning import Leg, plan
+from path_follower.taught import make_path as path_of
 
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
 LEAD, MAX_GROWTH = 1.0, 1.05
@@ -104,7 +104,7 @@ def test_full_lock_is_taken_only_where_the_offset_would_grow(drive):
         for turned in (0.1, 0.02)
     )
     limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
-    assert bends_of(firm)[0] == pytest.approx(-limit, rel=1e-6)
+    assert bends_of(firm)[0] == pytest.approx(-limit, rel=1e-4)  # by the chord, which is shorter than the arc
     assert np.abs(firm[:, 1]).max() < 0.1 + (1 - math.cos(0.1)) / limit + 0.002
     assert -0.15 < bends_of(gentle)[0] < 0.0
     assert np.abs(gentle[:, 1]).max() < MAX_GROWTH * 0.1
@@ -147,8 +147,8 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
     assert (np.diff(course.x) * direction > 0).all()
     assert (course.y[-1], course.yaw[-1]) == (0.0, 0.0)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(course.x), np.diff(course.y)))])[own] - course.lead
-    assert way[-1] == pytest.approx(course.length)
-    assert np.interp(course.ends[0], way, course.x[own]) == pytest.approx(20.0, abs=1e-6)
+    assert way[-1] == pytest.approx(course.length, abs=1e-3)  # chords of the lead's circle
+    assert np.interp(course.ends[0], way, course.x[own]) == pytest.approx(20.0, abs=1e-3)
     turning = [legs[0], replace(legs[0], direction=-direction, first=legs[0].last, last=legs[0].first)]
     short = [replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]]
     with pytest.raises(ValueError, match=r"beside it after 1\.2 m"):  # it has to be on the path before it turns back

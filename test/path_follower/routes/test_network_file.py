@@ -145,11 +145,11 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
     (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
     mission.course = make_course(fork, legs, None, VehicleParams())
-    mission._seconds, mission._lap_legs, mission.laps_left = 24.0, (1, 2), 2
+    mission._seconds, mission._round_legs, mission.laps_left = 24.0, 2, 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
-    assert (found.goal, found.laps_left, found._lap_legs) == (mission.goal, 2, (1, 2))
+    assert (found.goal, found.laps_left, found._round_legs) == (mission.goal, 2, 2)
     assert list(found.course.legs) == legs
     assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
     assert first.length > 9.0
@@ -157,7 +157,7 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
 
 BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
-    "expected format 'sphere_nav mission' version 2": {"version": 7},
+    "expected format 'sphere_nav mission' version 3": {"version": 7},
     "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
 }
 

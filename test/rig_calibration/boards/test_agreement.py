@@ -12,9 +12,9 @@ from rig_calibration.boards.views import BoardView
 COVARIANCE = np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8])  # the distortion is held
 
 
-def single(num_views=20, rms_px=0.2):
+def single():
     lens = np.array([300.0, 300.0, 320.0, 240.0, *[0.0] * 8])
-    return SimpleNamespace(lens=lens, lens_covariance=COVARIANCE, rms_px=rms_px, num_views=num_views)
+    return SimpleNamespace(lens=lens, lens_covariance=COVARIANCE)
 
 
 def test_the_chance_of_a_change_is_that_of_its_deviations(rng):
@@ -25,23 +25,14 @@ def test_the_chance_of_a_change_is_that_of_its_deviations(rng):
         assert np.mean(chances < level) == pytest.approx(level, abs=4 * np.sqrt(level * (1 - level) / 2000))
 
 
-def test_lenses_and_residuals_that_change_are_told_by_what_moved_most():
+def test_a_lens_that_changes_is_told_by_what_moved():
     own = single()
     moved = own.lens + np.array([0.1, -1.5, *[0.0] * 10])
-    (line, _) = disagreements(["a", "b"], [own, own], np.stack([own.lens, moved]), np.array([0.2, 0.2]))
+    (line, _) = disagreements(["a", "b"], [own, own], np.stack([own.lens, moved]))
     assert line.startswith("b: by itself and with the others it is not the same camera: fx, fy, cx, cy moved by ")
     assert "-1.50" in line
-    (line, _) = disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2), np.array([0.4, 0.2]))
-    assert "a: by itself" in line
-    assert "residuals of 0.40 px in place of 0.20" in line
-
-
-@pytest.mark.parametrize(("ratio", "is_told"), [(1.03, False), (1.31, False), (1.35, True)])
-def test_residuals_are_more_by_chance_in_one_of_a_thousand(ratio, is_told):
-    """F with 6 * 20 and 6 * 20 degrees of freedom: 1.76, the root is 1.33."""
-    own = single(rms_px=0.5)
-    lines = disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2), np.array([0.5, 0.5 * ratio]))
-    assert bool(lines) == is_told
+    assert disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2)) == []
+    assert disagreements(["b"], [own], moved[None]) == []
 
 
 BOARD = Board("b", 6, 4, 0.1)

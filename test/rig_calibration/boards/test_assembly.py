@@ -24,7 +24,7 @@ def batch(poses):
 
 def sighting(camera, instant, board, T_world_rig, error=None):
     T = (T_world_rig @ CAMERAS[camera]).inverse() @ BOARDS[board]
-    return Sighting(camera, instant, board, batch([T if error is None else error @ T]))
+    return Sighting(camera, instant, board, batch([T if error is None else error @ T]), None, None)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

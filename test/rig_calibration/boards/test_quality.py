@@ -7,7 +7,7 @@ import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.quality import quality_warnings
-from rig_calibration.boards.state import camera_problem, camera_state
+from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate
@@ -57,7 +57,7 @@ def judged(views, poses, halves=None):
     """Return the warnings about views whose lens and poses are right."""
     number = len(views)
     own = observations([0] * number, range(number), [0] * number, [BOARD.points] * number, [v.pixels for v in views])
-    problem = camera_problem("pinhole", (640, 480), own)
+    problem = rig_problem(("pinhole",), ((640, 480),), own)
     halves = halves or Validation(np.zeros(1), np.full((1, 6), np.nan), np.full(1, np.nan))  # not known
     state = camera_state(lens_of(CAMERA), poses)
     return quality_warnings(["cam"], problem, state, np.ones(len(own.pixels)), views, halves)

@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from path_follower.params import FollowerParams
-from path_follower.path_files import make_path
+from path_follower.taught import make_path
 from sphere_nav.ros.conversions import driving, stamp_ns
 
 STAMP = 1_700_000_000_123_456_789

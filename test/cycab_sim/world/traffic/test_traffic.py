@@ -50,11 +50,9 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     camera = Pinhole(120, 120, 120.0, 120.0, 59.5, 59.5)
     image, ranges = simulator.render(camera, T_world_camera)
     assert ranges[40:80, 50:70].min() == pytest.approx(6.0, abs=1.2)
-    moving = simulator.renderer._moving
-    hits = np.empty(1, np.int32), np.empty(1, np.float32)
     origin = np.ascontiguousarray(T_world_camera.translation)
-    simulator.renderer._cast(origin, T_world_camera.rotation[:, 2].astype(np.float32)[None], *hits)
-    assert hits[0][0] >= moving.first
+    triangles, _ = simulator.renderer._cast(origin, T_world_camera.rotation[:, 2].astype(np.float32)[None])
+    assert triangles[0] >= len(simulator.world.mesh.triangles)
     shadows = simulator.renderer._shadows
     assert (shadows.depths < shadows._still).sum() > 500  # texels
     simulator.step(VehicleCommand(), 20 * SECOND)

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 
 from path_follower.params import FollowerParams
-from path_follower.path_files import make_path
+from path_follower.taught import make_path
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.localization.status import Status
 from sphere_nav.ros import conversions as to
