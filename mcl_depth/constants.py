@@ -108,6 +108,7 @@ LCN_SHARE = 1 / 18  # radius k of the local contrast normalisation by the width 
 LCN_SHARE_OUTDOORS = 1 / 36  # where the sky is far, what is seen is, too, and small
 MIN_CONTRAST_M = 1e-3  # smallest standard deviation that contrast is divided by
 FAR_M = 100.0  # range given to what is far
+MIN_GRADIENT = 1e-4  # Sobel sums below this are rounding noise
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 
 # Learned likeness (likeness/test_encoder): what the networks were trained with (train.py of 76c5c3cb)

@@ -98,7 +98,7 @@ class Filter:
         gray, is_seen, finding = self.map.level(observation.image, observation.camera, observation.rotation)
         if finding is not FINE:
             return self.refuse(observation.stamp_ns, finding)
-        estimate = self._localize(seen, Comparison(self.map.features_of(gray, is_seen), self.map, self.num_headings))
+        estimate = self._localize(seen, Comparison(self.map.likeness.image(gray, is_seen), self.map, self.num_headings))
         pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate

@@ -16,17 +16,14 @@ from mcl_depth.belief.particles import best_headings, wrap_angle
 from mcl_depth.constants import MIN_LEAD, NUM_DIRECTIONS, NUM_DISTANCES, NUM_MEDIAN, NUM_PASSED, REACH
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import DirectionParams
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
 @dataclass(frozen=True)
 class Advice:
     """The way to the next waypoint; angles in rad."""
 
-    in_map: float  # to the waypoint, from the map's x axis
     in_vehicle: float  # to the path beyond it, from where the vehicle heads, positive to the left
-    heading: float  # of the vehicle in the map, by the visual compass
-    distance: float  # from the waypoint to the best sample around it, m
     lead: float  # of the best sample over the others, standard deviations
     is_clear: bool = True  # the last images agree, and their samples stand out
     is_finished: bool = False
@@ -38,8 +35,7 @@ class Homing:
     def __init__(self, path: Array, params: DirectionParams) -> None:
         """`path` (N, 2) m; the vehicle is near the first waypoint of the path resampled at `params.spacing`."""
         self.waypoints = waypoints_of(path, params.spacing)
-        steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
-        self._way = [float(value) for value in np.concatenate([[0.0], np.cumsum(steps)])]
+        self._way = arc_lengths(self.waypoints).tolist()
         self._params = params
         self._offsets = sample_offsets(params.distance_step)
         self.restart()
@@ -66,11 +62,9 @@ class Homing:
         heading = float(best_headings(curves[best : best + 1])[0])
         waypoint = self.waypoints[self.next]
         beyond = waypoint + NUM_DISTANCES * self._params.distance_step * self._tangent(self.next)
-        in_map = self._median_direction(waypoint)
-        distance = float(np.linalg.norm(self._offsets[best]))
         in_vehicle = float(wrap_angle(np.array(self._median_direction(beyond) - heading)))
         is_clear = self.is_finished or float(np.median(self._leads)) >= MIN_LEAD  # no way is left that could be unclear
-        return Advice(in_map, in_vehicle, heading, distance, lead, is_clear, self.is_finished)
+        return Advice(in_vehicle, lead, is_clear, self.is_finished)
 
     @property
     def gone(self) -> float:
@@ -121,7 +115,7 @@ def waypoints_of(path: Array, spacing: float) -> Array:
     path = np.asarray(path, dtype=np.float64)
     if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2 or not np.all(np.isfinite(path)):
         raise ValueError(f"path: expected at least two finite points (N, 2), found shape {path.shape}")
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    lengths = arc_lengths(path)
     count = max(int(np.ceil(lengths[-1] / spacing)), 1)
     at = np.linspace(0.0, lengths[-1], count + 1)
     return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(2)], axis=1)

@@ -26,6 +26,6 @@ def warm_up(params: FilterParams) -> None:
     gray = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, gray > 10.0):
-        similarity_many(visual_features(gray, is_seen), stack, num_headings)
+        similarity_many(visual_features(gray, is_seen), stack, num_headings, np.arange(len(stack)))
     GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     photometric.warm_up()

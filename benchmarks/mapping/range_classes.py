@@ -70,7 +70,7 @@ def _measure(kind: str, seed: int, width: int) -> tuple[NDArray[np.float64], lis
     seconds = []
     for _ in range(2):
         begun = time.process_time()
-        [(range_m, std_m)] = stitcher.stereo.find(grays).measured
+        [(range_m, std_m)] = stitcher.stereo.find(grays)
         seconds.append(time.process_time() - begun)
     T_world_sphere = simulator.T_world_base @ rig_place(simulator.params.rig) @ stitcher.T_rig_sphere
     levels, truth = simulator.render(stitcher.whole, T_world_sphere)

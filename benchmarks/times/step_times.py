@@ -145,7 +145,7 @@ def key_sphere(seed: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.
         stitcher.stitch(images)
     for index, images in enumerate(instants):
         begun = time.process_time()
-        sphere = stitcher.stitch(images, index + 1).sphere
+        sphere = stitcher.stitch(images, index + 1)
         middle = time.process_time()
         mapper.add(sphere)
         stitched.append(1e3 * (middle - begun))

@@ -12,7 +12,7 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.constants import UNMODELED
 from mcl_depth.likeness.similarity_cache import Comparison
-from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import Status
 
@@ -69,7 +69,7 @@ def level_pose(pose: Array, height: float) -> SE3:
 
 def pose_covariance(covariance: Array, yaw: float) -> Array:
     """Return the local covariance (6, 6) from that of x, y, yaw (3, 3) in the map's axes, with what particles omit."""
-    R = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    R = so3.exp([0.0, 0.0, -yaw])
     local = R @ covariance @ R.T
     full = np.zeros((6, 6))
     full[PLANAR] = local

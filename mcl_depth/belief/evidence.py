@@ -77,7 +77,7 @@ class Survey:
         """Return its best places; each is as sharp as the grid."""
         covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
         best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
-        return tuple(Hypothesis(pose, covariance, float(share), np.zeros(0, np.int64)) for pose, share in best)
+        return tuple(Hypothesis(pose, covariance, float(share)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
         """Whether a pose (3,) is the best place."""

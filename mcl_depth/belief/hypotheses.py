@@ -70,7 +70,6 @@ class Hypothesis:
     pose: Array
     covariance: Array
     weight: float
-    members: NDArray[np.int64]  # indices of its particles
 
     @property
     def sigma_m(self) -> float:
@@ -110,4 +109,4 @@ def _hypothesis(particles: Particles, members: NDArray[np.int64]) -> Hypothesis:
     pose = np.array([*(share @ poses[:, :2]), yaw])
     errors = poses - pose
     errors[:, 2] = wrap_angle(errors[:, 2])
-    return Hypothesis(pose, (errors * share[:, None]).T @ errors, total, members)
+    return Hypothesis(pose, (errors * share[:, None]).T @ errors, total)

@@ -28,7 +28,7 @@ from mcl_depth.constants import (
     SEARCH_STEPS,
 )
 from mcl_depth.geometry.area import Area
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import PLANAR, Array
 
 Indices = NDArray[np.int64]
@@ -134,8 +134,7 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
         raise ValueError(
             f"initial pose: expected a place in the area of the cloud, found one {nearest:.1f} m away from it"
         )
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
-    R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    R = so3.exp([0.0, 0.0, pose[2]])  # of x and y; the variance of yaw is the same in all axes
     local = covariance[PLANAR] + np.diag(GIVEN_SIGMA) ** 2
     poses = rng.multivariate_normal(pose, R @ local @ R.T, count, method="cholesky")
     poses[:, 2] = wrap_angle(poses[:, 2])

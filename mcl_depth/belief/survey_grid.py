@@ -21,10 +21,10 @@ class SurveyGrid:
         stride = 1
         while len(np.unique(cells // stride, axis=0)) > limit:
             stride += 1
-        coarse, first = np.unique(cells // stride, axis=0, return_index=True)
-        middle_cells = coarse * stride + stride // 2
-        is_there = np.isin(_keys(middle_cells), _keys(cells))
-        chosen = np.where(is_there[:, None], middle_cells, cells[first])
+        off_middle = np.abs(cells % stride - stride // 2).sum(axis=1)
+        nearest = cells[np.argsort(off_middle, kind="stable")]
+        coarse, first = np.unique(nearest // stride, axis=0, return_index=True)
+        chosen = nearest[first]
         self.edge, self.diagonal = depth_map.edge * stride, float(np.sqrt(2.0)) * depth_map.edge  # m, of a cell
         self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
         self._low = coarse.min(axis=0)
@@ -49,7 +49,3 @@ class SurveyGrid:
         """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""
         xy = (places[:, 1:] + self._low + 0.5) * self.edge
         return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
-
-
-def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    return (cells[:, 0] << 32) ^ (cells[:, 1] & 0xFFFFFFFF)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt, label, map_coordinates
 from scipy.spatial import cKDTree
 
 from mcl_depth.constants import (
@@ -25,6 +25,7 @@ from mcl_depth.constants import (
     RAY_SPREAD,
     SWEEP_SHARE,
 )
+from mcl_depth.geometry.survey_frame import numbers_of
 from mcl_depth.params import AreaParams
 from sphere_nav.geometry.arrays import Array
 
@@ -62,14 +63,17 @@ def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], p
         raise ValueError(f"area: expected 1 to {MAX_ELEMENTS} squares of {params.step:g} m, found {counts.tolist()}")
     axes = (low[i] + (np.arange(counts[i]) + 0.5) * params.step for i in range(2))
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float64)
-    free = _is_free(middles, points, heights).reshape(counts)
+    above = points[:, 2] - heights(points[:, :2].astype(np.float64))
+    in_the_way = _is_near(middles, points[np.abs(above) < BODY], CLEARANCE)
+    free = (np.isfinite(heights(middles)) & ~in_the_way).reshape(counts)
     pieces, num_pieces = label(free)
     if not num_pieces:
         return Area(middles[:0], params.step)
     sizes = np.bincount(pieces.ravel(), minlength=num_pieces + 1)[1:]
     is_kept = sizes * params.step**2 >= params.min_piece
     if np.count_nonzero(is_kept) > 1:
-        has_floor = _has_floor(middles, points, heights).reshape(counts)
+        # below the camera at their own place: ground is lent to squares without any, along the outside of every wall
+        has_floor = _is_near(middles, points[above < -BODY], FLOOR_REACH)
         is_kept &= np.bincount(pieces.ravel(), has_floor.ravel(), num_pieces + 1)[1:] > MIN_FLOOR_SHARE * sizes
     is_kept[np.argmax(sizes)] = True
     return Area(middles[np.append(False, is_kept)[pieces].ravel()], params.step)
@@ -77,38 +81,18 @@ def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], p
 
 def limits_of(text: str) -> Array | None:
     """Read x0,y0,x1,y1; ValueError where it is something else."""
-    if not text:
-        return None
-    try:
-        numbers = np.array([float(word) for word in text.split(",")])
-        if numbers.shape != (4,) or not np.all(numbers[:2] < numbers[2:]):
-            raise ValueError
-    except ValueError:
-        raise ValueError(f"area.limits: expected x0,y0,x1,y1 with x0 < x1, y0 < y1, found {text!r}") from None
+    numbers = numbers_of(text, 4, "area.limits: expected x0,y0,x1,y1 with x0 < x1, y0 < y1")
+    if numbers is not None and not np.all(numbers[:2] < numbers[2:]):
+        raise ValueError(f"area.limits: expected x0 < x1, y0 < y1, found {text!r}")
     return numbers
 
 
-def _is_free(middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]) -> NDArray[np.bool_]:
-    """Return which of the middles (K, 2) have ground, and no point of the map beside the camera."""
-    free = np.isfinite(heights(middles))
-    above = points[:, 2] - heights(points[:, :2].astype(np.float64))
-    in_the_way = points[np.abs(above) < BODY][:, :2]
-    if len(in_the_way):
-        cells = np.unique(np.round(in_the_way / (0.25 * CLEARANCE)).astype(np.int64), axis=0) * (0.25 * CLEARANCE)
-        free &= cKDTree(cells).query(middles, distance_upper_bound=CLEARANCE)[0] >= CLEARANCE
-    return free
-
-
-def _has_floor(middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]) -> NDArray[np.bool_]:
-    """Return which squares (K, 2) have points of the map below the camera at their own place, not only nearby.
-
-    Ground is lent to squares without any: a strip along the outside of every wall would be a room else.
-    """
-    below = points[points[:, 2] - heights(points[:, :2].astype(np.float64)) < -BODY][:, :2]
-    if not len(below):
+def _is_near(middles: Array, points: NDArray[np.floating], reach: float) -> NDArray[np.bool_]:
+    """Return which of the middles (K, 2) have one of the points (N, 3) above or below them, within so many m."""
+    if not len(points):
         return np.zeros(len(middles), np.bool_)
-    cells = np.unique(np.round(below / (0.25 * FLOOR_REACH)).astype(np.int64), axis=0) * (0.25 * FLOOR_REACH)
-    found: NDArray[np.bool_] = cKDTree(cells).query(middles, distance_upper_bound=FLOOR_REACH)[0] < FLOOR_REACH
+    cells = np.unique(np.round(points[:, :2] / (0.25 * reach)).astype(np.int64), axis=0) * (0.25 * reach)
+    found: NDArray[np.bool_] = cKDTree(cells).query(middles, distance_upper_bound=reach)[0] < reach
     return found
 
 
@@ -132,19 +116,9 @@ class Ground:
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
         place = (positions - self._low) / GROUND_STEP - 0.5
-        first = np.floor(place).astype(np.int64)
-        share = place - first
-        limit = np.array(self._heights.shape) - 1
-        total, weight = np.zeros(len(positions)), np.zeros(len(positions))
-        for dx in (0, 1):
-            for dy in (0, 1):
-                cell = np.clip(first + np.array([dx, dy]), 0, limit)
-                value = self._heights[cell[:, 0], cell[:, 1]]
-                part = np.abs(1 - dx - share[:, 0]) * np.abs(1 - dy - share[:, 1])
-                known = np.isfinite(value)
-                total += np.where(known, part * np.where(known, value, 0.0), 0.0)
-                weight += np.where(known, part, 0.0)
-        outside = np.any((place < -1.0) | (place > limit + 1.0), axis=1)
+        planes = np.nan_to_num(self._heights), np.isfinite(self._heights).astype(np.float64)
+        total, weight = (map_coordinates(plane, place.T, order=1, mode="nearest") for plane in planes)
+        outside = np.any((place < -1.0) | (place > self._heights.shape), axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
 

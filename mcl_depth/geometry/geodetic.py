@@ -24,25 +24,18 @@ ZONES = {326: 0.0, 258: 0.0, 327: FALSE_NORTH_SOUTH}  # EPSG codes by hundreds, 
 NUM_ZONES = 60
 
 
-class Geodetic:
-    """A system of coordinates by its EPSG code."""
+Degrees = Callable[[float, float], Array]  # east, north in m -> latitude and longitude (2,) in degrees
 
-    def __init__(self, crs: str) -> None:
-        """`crs`: "EPSG:32632" or "32632"; ValueError for one that is not known here."""
-        match = re.fullmatch(r"(?:EPSG:)?(\d{4,6})", crs.strip(), re.IGNORECASE)
-        if match is None:
-            raise ValueError(f"survey.crs: expected EPSG:<code>, found {crs!r}")
-        hundred, zone = divmod(int(match[1]), 100)
-        self.code = int(match[1])
-        self._degrees: Callable[[float, float], Array]
-        if hundred in ZONES and 1 <= zone <= NUM_ZONES:
-            self._degrees = lambda east, north: utm_degrees(east, north - ZONES[hundred], zone)
-        else:
-            self._degrees = _by_pyproj(self.code)
 
-    def degrees(self, east: float, north: float) -> Array:
-        """Return latitude and longitude (2,) in degrees of coordinates in m."""
-        return self._degrees(east, north)
+def degrees_of(crs: str) -> Degrees:
+    """Return what tells degrees of a system of coordinates, "EPSG:32632" or "32632"; ValueError for an unknown one."""
+    match = re.fullmatch(r"(?:EPSG:)?(\d{4,6})", crs.strip(), re.IGNORECASE)
+    if match is None:
+        raise ValueError(f"survey.crs: expected EPSG:<code>, found {crs!r}")
+    hundred, zone = divmod(int(match[1]), 100)
+    if hundred in ZONES and 1 <= zone <= NUM_ZONES:
+        return lambda east, north: utm_degrees(east, north - ZONES[hundred], zone)
+    return _by_pyproj(int(match[1]))
 
 
 def place_on_earth(latitude: float, longitude: float, height: float = 0.0) -> tuple[Array, Array]:
@@ -70,7 +63,7 @@ def utm_degrees(east: float, north: float, zone: int) -> Array:
     return np.array([np.degrees(latitude), longitude])
 
 
-def _by_pyproj(code: int) -> Callable[[float, float], Array]:
+def _by_pyproj(code: int) -> Degrees:
     known = "UTM (EPSG:326zz, 327zz, 258zz)"
     try:
         from pyproj import Transformer

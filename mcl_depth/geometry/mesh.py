@@ -68,8 +68,6 @@ class TriangleMesh:
 def mesh_from_faces(vertices: NDArray[np.floating], triangles: NDArray[np.integer], name: str) -> TriangleMesh:
     """Check vertices and faces; faces with a vertex that is not finite, or without an area, are left out."""
     vertices, triangles = np.asarray(vertices, np.float64), np.asarray(triangles, np.int64)
-    if len(triangles) == 0:
-        raise ValueError(f"{name}: faces: expected at least one triangle, found none")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         found = f"{triangles.min()} to {triangles.max()}"
         raise ValueError(f"{name}: faces: expected indices 0 to {len(vertices) - 1}, found {found}")

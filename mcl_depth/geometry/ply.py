@@ -1,4 +1,4 @@
-"""Stanford .ply: points, with or without faces; ascii and binary."""
+"""Stanford .ply: points, with or without faces. Text is read as a binary file of float64 would be."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-
-
 INDICES = ("vertex_indices", "vertex_index")  # the list of a face that tells its corners
 
 
@@ -32,19 +30,9 @@ class Element:
     properties: list[tuple[str, str, str]] = field(default_factory=list)
 
     @property
-    def scalars(self) -> list[tuple[str, str]]:
-        """Names and types of what is no list."""
-        return [(name, kind) for name, counted, kind in self.properties if not counted]
-
-    @property
     def lists(self) -> list[str]:
         """Names of the lists."""
         return [name for name, counted, _ in self.properties if counted]
-
-    @property
-    def is_polygons(self) -> bool:
-        """Whether its rows tell the corners of faces, perhaps with other things."""
-        return self.name == "face" and bool(self.lists)
 
 
 def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -54,17 +42,43 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if not data.startswith(b"ply") or end is None:
         raise ValueError(f"{path}: header: expected 'ply' ... 'end_header', found {bytes(data[:16])!r}")
     order, elements = _header(path, data[: end.start()].decode("ascii", "replace"))
-    body = data[end.end() :]
-    rows = _ascii(path, body, elements) if order == "" else _binary(path, body, elements, order)
-    names = [name for name, _ in next(item for item in elements if item.name == "vertex").scalars]
-    points = np.stack([rows.points[names.index(axis)] for axis in "xyz"], axis=1)
-    return points, rows.triangles
+    body, start = data[end.end() :], 0
+    if not order:
+        body = floats_of_text(path, body)
+    points, triangles = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    for item in elements:
+        if item.name == "face" and item.lists:
+            triangles, start = _faces(path, body, start, item, order)
+            continue
+        if item.lists:
+            break  # rows of unknown length, nothing that is needed here
+        row = np.dtype([(name, _kind(order, kind)) for name, _, kind in item.properties])
+        if len(body) - start < item.count * row.itemsize:
+            found = f"found {len(body) - start} bytes"
+            raise ValueError(f"{path}: {item.name}: expected {item.count} rows of {row.itemsize} bytes, {found}")
+        if item.name == "vertex":
+            table = np.frombuffer(body, row, item.count, start)
+            points = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+        start += item.count * row.itemsize
+    else:
+        if not order and start < len(body):
+            raise ValueError(f"{path}: body: expected {start // 8} numbers, found {len(body) // 8}")
+    if not len(points):
+        raise ValueError(f"{path}: header: expected vertices before elements with lists, found {elements[0].name}")
+    return points, triangles
 
 
-@dataclass
-class _Rows:
-    points: list[NDArray[np.float64]]  # one array (N,) a property
-    triangles: NDArray[np.int64]
+def floats_of_text(path: Path, body: bytes) -> bytes:
+    """Return what numbers written as text would be in a binary file of float64."""
+    try:
+        return np.array(body.split(), np.float64).tobytes()
+    except ValueError as error:
+        raise ValueError(f"{path}: body: expected numbers, found {error!s:.60}") from None
+
+
+def _kind(order: str, kind: str) -> str:
+    """Return the type of a number in the body: as the header has it, or float64 where that was text."""
+    return order + kind if order else "f8"
 
 
 def _header(path: Path, text: str) -> tuple[str, list[Element]]:
@@ -84,73 +98,13 @@ def _header(path: Path, text: str) -> tuple[str, list[Element]]:
                 pass
             case _:
                 raise ValueError(f"{path}: header: expected format, element or property, found {line[:60]!r}")
-    vertex = next((item for item in elements if item.name == "vertex"), None)
-    if order is None or vertex is None or not {"x", "y", "z"} <= {name for name, _ in vertex.scalars} or vertex.lists:
+    vertex = next((item for item in elements if item.name == "vertex"), Element("", 0))
+    if order is None or vertex.lists or not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties}:
         raise ValueError(f"{path}: header: expected a format and vertices with x, y, z, found {text[:60]!r}")
     for face in elements:
-        if face.is_polygons and sum(name in INDICES for name in face.lists) != 1:
+        if face.name == "face" and face.lists and sum(name in INDICES for name in face.lists) != 1:
             raise ValueError(f"{path}: header: face: expected one list {INDICES[0]}, found {', '.join(face.lists)}")
     return order, elements
-
-
-def _ascii(path: Path, body: bytes, elements: list[Element]) -> _Rows:
-    lines = [line for line in body.splitlines() if line.strip()]
-    expected = sum(item.count for item in elements)
-    if len(lines) < expected:
-        raise ValueError(f"{path}: body: expected {expected} rows, found {len(lines)}")
-    found, first = _Rows([], np.zeros((0, 3), np.int64)), 0
-    for item in elements:
-        part = lines[first : first + item.count]
-        first += item.count
-        try:
-            if item.name == "vertex":
-                table = np.array(b" ".join(part).split(), np.float64).reshape(item.count, len(item.scalars))
-                found.points = list(table.T)
-            elif item.is_polygons:
-                polygons = (np.array([_corners(line.split(), item)], np.int64) for line in part)
-                found.triangles = np.concatenate([found.triangles, *map(_fans, polygons)])
-        except (ValueError, OverflowError) as error:
-            raise ValueError(f"{path}: {item.name}: expected {item.count} rows, found {error!s:.60}") from None
-    return found
-
-
-def _binary(path: Path, body: bytes, elements: list[Element], order: str) -> _Rows:
-    found, start = _Rows([], np.zeros((0, 3), np.int64)), 0
-    for item in elements:
-        row = np.dtype([(name, order + (counted or kind)) for name, counted, kind in item.properties])
-        smallest = row.itemsize  # lists may be empty
-        if len(body) - start < item.count * smallest:
-            raise ValueError(
-                f"{path}: {item.name}: expected {item.count} rows of {smallest} bytes, found {len(body) - start} bytes"
-            )
-        if item.lists:
-            if item.is_polygons:
-                found.triangles, start = _faces(path, body, start, item, order)
-                continue
-            break  # rows of unknown length, nothing that is needed here
-        if item.name == "vertex":
-            table = np.frombuffer(body, row, item.count, start)
-            found.points = [table[name].astype(np.float64) for name, _ in item.scalars]
-        start += item.count * row.itemsize
-    if not found.points:
-        raise ValueError(f"{path}: header: expected vertices before elements with lists, found {elements[0].name}")
-    return found
-
-
-def _corners(words: list[bytes], item: Element) -> list[int]:
-    """Return the corners of a face by the words of its row."""
-    found: list[int] = []
-    place = 0
-    for name, counted, _ in item.properties:
-        length = int(words[place]) if counted and place < len(words) else 1 - bool(counted)
-        if not 0 <= length <= MAX_FACE:
-            break
-        first = place + bool(counted)
-        place = first + length
-        found = [int(word) for word in words[first:place]] if name in INDICES else found
-    if place != len(words):
-        raise ValueError("a face with another number of corners than it says")
-    return found
 
 
 def _faces(path: Path, body: bytes, start: int, item: Element, order: str) -> tuple[NDArray[np.int64], int]:
@@ -172,15 +126,15 @@ def _row_of(path: Path, body: bytes, start: int, item: Element, order: str, numb
     """Return what one face looks like: n0, n1, ... are the lengths of its lists, v0, v1, ... the values."""
     kinds: list[tuple] = []
     for i, (_, counted, kind) in enumerate(item.properties):
-        count_type, item_type, n = np.dtype(order + (counted or kind)), np.dtype(order + kind), 1
+        count_type, item_type, n = np.dtype(_kind(order, counted or kind)), np.dtype(_kind(order, kind)), 1.0
         if counted:
-            n = int(np.frombuffer(body, count_type, 1, start)[0]) if start + count_type.itemsize <= len(body) else -1
+            n = float(np.frombuffer(body, count_type, 1, start)[0]) if start + count_type.itemsize <= len(body) else -1
             kinds.append((f"n{i}", count_type))
             start += count_type.itemsize
         if not 0 <= n <= MAX_FACE or start + n * item_type.itemsize > len(body):
-            raise ValueError(f"{path}: face {number}: expected up to {MAX_FACE} corners within the file, found {n}")
-        kinds.append((f"v{i}", item_type, (n,)))
-        start += n * item_type.itemsize
+            raise ValueError(f"{path}: face {number}: expected up to {MAX_FACE} corners within the file, found {n:g}")
+        kinds.append((f"v{i}", item_type, (int(n),)))
+        start += int(n) * item_type.itemsize
     return np.dtype(kinds)
 
 

@@ -22,9 +22,7 @@ class Splats:
     """A cloud in copies; each has voxels of twice the size of those before."""
 
     def __init__(self, cloud: Cloud, camera: Spherical, params: SynthesisParams) -> None:
-        if len(cloud) == 0:
-            raise ValueError(f"{cloud.name}: points: expected at least one, found none")
-        self._camera, self._name = camera, cloud.name
+        self._camera = camera
         pixel = COARSENESS * 2.0 * np.pi / camera.full_width
         number = max(int(np.ceil(np.log2(params.max_range_m * pixel / params.voxel_m))), 1)
         sizes = params.voxel_m * 2.0 ** np.arange(number)

@@ -170,14 +170,19 @@ def survey_box(survey: SurveyParams, limits: Array | None, unit: str) -> Array |
 
 
 def _read_origin(text: str) -> Array | None:
+    return numbers_of(text, 3, "survey.origin: expected E,N,H in m")
+
+
+def numbers_of(text: str, count: int, expected: str) -> Array | None:
+    """Return so many finite numbers between commas, None of an empty text; ValueError with what was expected."""
     if not text:
         return None
     try:
-        numbers = np.array([float(word) for word in text.split(",")])
-        if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
-            raise ValueError
+        numbers = np.array(text.split(","), np.float64)
     except ValueError:
-        raise ValueError(f"survey.origin: expected E,N,H in m, found {text!r}") from None
+        numbers = np.zeros(0)
+    if len(numbers) != count or not np.all(np.isfinite(numbers)):
+        raise ValueError(f"{expected}, found {text!r}")
     return numbers
 
 
@@ -213,33 +218,29 @@ def _find_up(points: NDArray[np.floating]) -> str:
 
 
 def _floor_area(points: NDArray[np.floating]) -> float:
-    lowest, shape, cell = _columns(points)[:3]
-    grid = np.full(shape, np.nan)
-    grid.ravel()[lowest[0]] = lowest[1]
+    lowest, _, cell = _columns(points)
     with np.errstate(invalid="ignore"):
-        is_even = [np.abs(np.diff(grid, axis=axis)) < 0.3 * cell for axis in (0, 1)]
+        is_even = [np.abs(np.diff(lowest, axis=axis)) < 0.3 * cell for axis in (0, 1)]
     return 0.5 * cell**2 * float(sum(np.count_nonzero(part) for part in is_even))
 
 
 def _refuse_plain(points: NDArray[np.floating], name: str) -> None:
     """Refuse a plain: nothing that a camera could see stands on it."""
-    _, _, cell, spans = _columns(points)
-    share = float(np.mean(spans > cell))
+    lowest, highest, cell = _columns(points)
+    share = float(np.mean((highest - lowest)[np.isfinite(lowest)] > cell))
     if share < LEAST_STANDING:
         found = f"{share:.2%} of squares of {cell:.2g} m with anything higher than that"
         raise ValueError(f"{name}: points: expected walls or the like above the ground, found {found}")
 
 
-def _columns(points: NDArray[np.floating]) -> tuple[tuple[NDArray[np.int64], Array], tuple[int, int], float, Array]:
-    """Return columns with points, as index and lowest z, the shape of the grid, its step in m, and what each spans."""
+def _columns(points: NDArray[np.floating]) -> tuple[Array, Array, float]:
+    """Return lowest and highest z (X, Y) of a grid of columns, +Inf and -Inf without points, and its step in m."""
     points = points - points.min(axis=0)
     extent = points.max(axis=0)
     cell = max(GROUND_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
     cells = np.floor(points[:, :2] / cell).astype(np.int64)
-    shape = int(cells[:, 0].max()) + 1, int(cells[:, 1].max()) + 1
-    keys = cells[:, 0] * shape[1] + cells[:, 1]
-    order = np.argsort(keys, kind="stable")
-    first = np.flatnonzero(np.append(True, np.diff(keys[order]) > 0))
-    z = points[order, 2].astype(np.float64)
-    lowest = np.minimum.reduceat(z, first)
-    return (keys[order][first], lowest), shape, cell, np.maximum.reduceat(z, first) - lowest
+    lowest = np.full(cells.max(axis=0) + 1, np.inf)
+    highest = -lowest
+    np.minimum.at(lowest, tuple(cells.T), points[:, 2])
+    np.maximum.at(highest, tuple(cells.T), points[:, 2])
+    return lowest, highest, cell

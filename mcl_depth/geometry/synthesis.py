@@ -23,10 +23,6 @@ def panorama_window(params: SynthesisParams) -> Spherical:
     low, high = ELEVATIONS_DEG
     full_height = params.num_columns / 2
     height = round((high - low) / 180.0 * full_height)
-    if height < 3:
-        raise ValueError(f"elevations: expected a panorama of at least 3 rows, found {low:g} to {high:g} deg")
-    if params.num_columns % 2 == 0 and height == full_height:
-        return Spherical(params.num_columns, height)
     top = (0.5 - high / 180.0) * full_height
     return Spherical(params.num_columns, height, float(params.num_columns), 0.0, top)
 
@@ -55,7 +51,4 @@ class DepthSynthesizer:
 
     def synthesize_many(self, positions_map: ArrayLike) -> Image:
         """Return ranges (M, H, W) in m around places (M, 3); in parallel."""
-        positions = np.asarray(positions_map, np.float64)
-        if positions.ndim != 2 or positions.shape[1] != 3 or not np.all(np.isfinite(positions)):
-            raise ValueError(f"positions: expected finite (M, 3), found shape {positions.shape}")
-        return self._scene.ranges(positions)
+        return self._scene.ranges(np.asarray(positions_map, np.float64))

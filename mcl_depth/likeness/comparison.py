@@ -16,31 +16,22 @@ Similarities = NDArray[np.float32]
 
 
 def num_alpha_for(step_deg: float) -> int:
-    """Return how many headings a step makes; ValueError where it does not divide 360 degrees."""
-    count = round(360.0 / step_deg) if step_deg > 0 else 0
-    if count < 1 or abs(count * step_deg - 360.0) > 1e-6:
-        raise ValueError(f"alpha step: expected a divisor of 360 deg, found {step_deg:g} deg")
-    return count
+    """Return how many headings a step makes."""
+    return round(360.0 / step_deg)
 
 
 def check_headings(step_deg: float, num_columns: int) -> None:
-    """Refuse a step between headings that is no whole number of columns of the panorama; ValueError."""
+    """Refuse a step between headings that is no whole number of columns, or does not divide a circle; ValueError."""
     count = num_alpha_for(step_deg)
-    if num_columns % count:
-        column = 360.0 / num_columns
-        raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
+    if num_columns % count or abs(count * step_deg - 360.0) > 1e-6:
+        expected = f"a divisor of 360 deg and a multiple of a column, {360.0 / num_columns:g} deg"
+        raise ValueError(f"heading_step_deg: expected {expected}, found {step_deg:g} deg")
 
 
 def similarity_many(
-    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
+    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.int64]
 ) -> Similarities:
-    """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
-    chosen = np.arange(len(stack)) if indices is None else np.asarray(indices, np.int64)
-    arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
-    coded = (stack.directions, stack.magnitudes, stack.scales)
-    return kernels.compare_headings_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
-
-
-def _seen(visual: GradientFeatures) -> NDArray[np.float32]:
-    """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
-    return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+    """Return eq. 2 for M panoramas of a stack, those of `indices`, and all headings, (M, num_alpha)."""
+    seen = np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+    arrays = (visual.x, visual.y, visual.magnitude, seen, stack.directions, stack.magnitudes, stack.scales)
+    return kernels.compare_headings_many(*arrays, indices, num_alpha)

@@ -11,15 +11,13 @@ import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.likeness.features import Stack
 from sphere_nav.geometry.files.untrusted import read_npy
-
-Kind = TypeVar("Kind", bound=Stack)
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -46,10 +44,10 @@ def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None
 Cell = tuple[int, int]
 
 
-class DepthCache(Generic[Kind]):
+class DepthCache:
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, empty: Callable[[int], Kind]) -> None:
+    def __init__(self, max_bytes: int, empty: Callable[[int], Any]) -> None:
         """`empty` returns room for so many panoramas."""
         self.capacity = max(max_bytes // empty(1).nbytes, 1)
         self.stack = empty(self.capacity)  # memory is taken when written to
@@ -67,11 +65,6 @@ class DepthCache(Generic[Kind]):
         """Share of the look-ups that found something."""
         return self.num_hits / max(self.num_hits + self.num_misses, 1)
 
-    def clear(self) -> None:
-        """Forget all images and the counts."""
-        self._slots.clear()
-        self.num_hits = self.num_misses = 0
-
     def find(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
         slots = np.full(len(cells), -1, dtype=np.int64)
@@ -84,7 +77,7 @@ class DepthCache(Generic[Kind]):
         self.num_hits, self.num_misses = self.num_hits + found, self.num_misses + len(cells) - found
         return slots
 
-    def insert(self, cells: Sequence[Cell], features: Kind) -> NDArray[np.int64]:
+    def insert(self, cells: Sequence[Cell], features: Stack) -> NDArray[np.int64]:
         """Keep features of new cells, at most `capacity` of them at once; return their slots (N,)."""
         slots = np.empty(len(cells), dtype=np.int64)
         for index, cell in enumerate(cells):

@@ -9,33 +9,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
-from mcl_depth.likeness.features import Image, Mask, Stack
+from mcl_depth.likeness.features import Image, Mask, is_sky
 from mcl_depth.likeness.kinds import SpectralFilter, Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
-
-
-class Synthesizer(Protocol):
-    """Makes depth panoramas (`synthesis.DepthSynthesizer`)."""
-
-    @property
-    def camera(self) -> Spherical:
-        """Window of the sphere that the panoramas show."""
-        ...
-
-    def synthesize_many(self, positions: Array) -> NDArray[np.float32]:
-        """Return range along the ray in m (M, H, W) at positions (M, 3), heading 0; NaN where nothing is known."""
-        ...
-
 
 BATCH = 64  # depth images made at once
 SAVE_EVERY = 2048  # depth images that an interruption may lose
@@ -46,7 +33,7 @@ class DepthMap:
     """Depth features by position, with their cache."""
 
     def __init__(
-        self, synthesizer: Synthesizer, ground: Heights, camera_height: float, params: FilterParams, name: str = ""
+        self, synthesizer: DepthSynthesizer, ground: Heights, camera_height: float, params: FilterParams, name: str = ""
     ) -> None:
         """`name` identifies the geometry for the cache on disk; the empty name keeps nothing there."""
         self._synthesizer, self._ground, self._params = synthesizer, ground, params
@@ -54,7 +41,7 @@ class DepthMap:
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
         self.likeness: Any = likeness_of(params, camera)  # one of two, each with features of its own
-        self.cache: DepthCache[Any] = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
+        self.cache = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
         self._filter: tuple[str, SpectralFilter] | None = None  # with the places that it is of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
@@ -98,8 +85,7 @@ class DepthMap:
             return None
         ranges = self._synthesizer.synthesize_many(position)[0]
         if self._params.comparison.is_sky_far:
-            is_sky = np.isnan(np.fmax.accumulate(ranges, axis=0))
-            ranges = np.where(is_sky, np.inf, ranges).astype(np.float32)
+            ranges[is_sky(ranges)] = np.inf
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
 
     def level(self, image: NDArray[np.generic], camera: Camera, rotation: Array) -> tuple[Image, Mask, Verdict]:
@@ -113,10 +99,6 @@ class DepthMap:
             return gray, is_seen, FINE
         detail = f"{share:.0%} of the panorama is seen"
         return gray, is_seen, Verdict(Reason.LOW_OVERLAP, share, least, detail)
-
-    def features_of(self, gray: Image, is_seen: Mask) -> Visual:
-        """Return what an image is compared by: a level panorama (H, W) of grey levels, and what of it is seen."""
-        return self.likeness.image(gray, is_seen)
 
     def similarities(self, visual: Visual, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
@@ -199,12 +181,9 @@ class DepthMap:
         missing, middles = missing[has_ground], middles[has_ground]
         for first in range(0, len(missing), BATCH):
             part = slice(first, first + BATCH)
-            features = self._features(middles[part])
+            features = self.likeness.depths(self._synthesizer.synthesize_many(middles[part]))
             slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
         return slots
-
-    def _features(self, positions: Array) -> Stack:
-        return self.likeness.depths(self._synthesizer.synthesize_many(positions))
 
     def _key(self, name: str) -> str:
         """Return what everything that the features depend on hashes to."""

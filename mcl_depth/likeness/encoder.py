@@ -25,11 +25,10 @@ from mcl_depth.constants import (
     MIN_CONTRAST_LEVELS,
     NUM_FREQUENCIES,
 )
-from mcl_depth.likeness import kernels
+from mcl_depth.likeness.features import Image, fill_unknown, normalize_contrast
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
-Image = NDArray[np.float32]
 WEIGHTS = Path(__file__).with_name("weights.npz")
 
 
@@ -75,7 +74,6 @@ class EncoderPair:
     image: Encoder
     depth: Encoder
     num_columns: int
-    elevations_deg: tuple[float, float]
 
     @cached_property
     def digest(self) -> str:
@@ -99,8 +97,7 @@ def load_encoders() -> EncoderPair:
     """Return the encoders of the package."""
     with np.load(WEIGHTS, allow_pickle=False) as file:
         image, depth = (Encoder(file[f"{side}_table"], file[f"{side}_values"]) for side in ("image", "depth"))
-        low, high = (float(value) for value in file["elevations_deg"])
-        return EncoderPair(image, depth, int(file["num_columns"]), (low, high))
+        return EncoderPair(image, depth, int(file["num_columns"]))
 
 
 def image_inputs(gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:
@@ -108,15 +105,11 @@ def image_inputs(gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spheric
 
     Its contrast, normalized over two neighbourhoods, and the sine of the elevation; what is not seen has no contrast.
     """
-    gray = np.ascontiguousarray(gray, np.float32)
-    if is_seen is not None and not is_seen.all():
-        gray = gray.copy()
-        gray[~is_seen] = np.nan
-        kernels.fill_nan(gray)
+    gray = fill_unknown(np.where(True if is_seen is None else is_seen, gray, np.nan).astype(np.float32))
     width = camera.full_width
     parts = []
     for share in LCN_COLUMNS:
-        contrast = kernels.normalize_contrast(gray, max(round(share * width), 1), MIN_CONTRAST_LEVELS)
+        contrast = normalize_contrast(gray, max(round(share * width), 1), MIN_CONTRAST_LEVELS)
         parts.append(np.clip(contrast, -IMAGE_CLIP, IMAGE_CLIP))
     if is_seen is not None:
         parts = [np.where(is_seen, part, np.float32(0.0)) for part in parts]
@@ -132,12 +125,9 @@ def depth_inputs(ranges_m: Image, camera: Spherical) -> Image:
     low, high = ENCODED_RANGE_M
     is_known = ~np.isnan(ranges_m)
     bounded = np.where(is_known, np.clip(ranges_m, low, high), np.float32(1.0))
-    out = np.empty((len(ranges_m), 4, *ranges_m.shape[1:]), np.float32)
-    out[:, 0] = np.where(is_known, np.log(bounded) - np.float32(1.0), np.float32(0.0))
-    out[:, 1] = np.where(is_known, np.float32(1.0) / bounded, np.float32(0.0))
-    out[:, 2] = is_known
-    out[:, 3] = sine_of_elevation(camera)
-    return out
+    elevations = np.broadcast_to(sine_of_elevation(camera), ranges_m.shape)
+    known = is_known.astype(np.float32)
+    return np.stack([known * (np.log(bounded) - np.float32(1.0)), known / bounded, known, elevations], axis=1)
 
 
 def normalize(features: Image) -> Image:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M
+from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M, MIN_GRADIENT
 from mcl_depth.likeness import kernels
+from mcl_depth.likeness.kernels import NO_DIRECTION, NUM_DIRECTIONS
 from mcl_depth.params import ComparisonParams
 
 Image = NDArray[np.float32]
@@ -28,16 +30,6 @@ class GradientFeatures:
     y: Image
     magnitude: Image
     is_seen: Mask | None = None
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(H, W)."""
-        return self.magnitude.shape[0], self.magnitude.shape[1]
-
-    @property
-    def identity(self) -> bytes:
-        """What tells the image from others."""
-        return self.magnitude.tobytes()
 
     @property
     def mirrored(self) -> GradientFeatures:
@@ -104,21 +96,84 @@ def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeature
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
     """
-    gray = np.ascontiguousarray(gray, np.float32)
     seen = np.isfinite(gray) if is_seen is None else np.isfinite(gray) & is_seen
-    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, gray, np.float32(0)), seen)
-    return GradientFeatures(x, y, magnitude, None if inner.all() else inner)
+    inner = _inner(seen)
+    found = gradients_of(np.where(seen, gray, 0.0).astype(np.float32), inner)
+    return GradientFeatures(*found, None if inner.all() else inner)
+
+
+def depth_gradients(range_m: Image, params: ComparisonParams) -> tuple[Image, Image, Image]:
+    """Return direction x, y and magnitude (H, W) of a range panorama (H, W) in m.
+
+    `is_measured_only`: none where a pixel that it uses is unknown, and so are all around that one.
+    """
+    image = np.minimum(range_m, np.float32(FAR_M))
+    if params.is_sky_far and not params.is_measured_only:  # what is unknown was not measured
+        image[is_sky(range_m)] = FAR_M
+    measured = _inner(~_inner(np.isnan(image))) if params.is_measured_only else np.ones(image.shape, np.bool_)
+    share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
+    radius = max(round(share * image.shape[1]), 1)
+    return gradients_of(normalize_contrast(fill_unknown(image), radius, MIN_CONTRAST_M), measured)
 
 
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
-    """Return the features of range panoramas (M, H, W) in m; in parallel."""
-    ranges_m = np.ascontiguousarray(ranges_m, np.float32)
-    parts = kernels.encode_depth_many(ranges_m, *options_of(params, ranges_m.shape[2]))
-    return FeatureStack(parts[0], parts[1], parts[2])
+    """Return the features of range panoramas (M, H, W) in m."""
+    stack = FeatureStack.empty(*ranges_m.shape)
+    for i, range_m in enumerate(ranges_m):
+        x, y, magnitude = depth_gradients(range_m, params)
+        codes = np.rint(np.arctan2(y, x) * np.float32(NUM_DIRECTIONS / np.pi)).astype(np.int64) % NUM_DIRECTIONS
+        stack.directions[i] = np.where((x == 0) & (y == 0), NO_DIRECTION, codes)
+        stack.scales[i] = largest = magnitude.max()
+        stack.magnitudes[i] = np.rint(255.0 * np.sqrt(magnitude / max(largest, np.float32(1e-30))))
+    return stack
 
 
-def options_of(params: ComparisonParams, width: int) -> tuple[bool, bool, float, int, float]:
-    """Return what the kernels of depth images take, in their order."""
-    share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
-    is_sky_far = params.is_sky_far and not params.is_measured_only  # what is unknown was not measured
-    return is_sky_far, params.is_measured_only, FAR_M, max(round(share * width), 1), MIN_CONTRAST_M
+def gradients_of(image: Image, counted: Mask) -> tuple[Image, Image, Image]:
+    """Return the gradients (H, W) of an image: unit directions x, y, and magnitudes of sum 1; 0 if not counted."""
+    x, y = (
+        cv2.Sobel(_around(image, 1), cv2.CV_32F, *axis, borderType=cv2.BORDER_REPLICATE)[:, 1:-1]
+        for axis in ((1, 0), (0, 1))
+    )
+    length = np.sqrt(x * x + y * y)
+    length[~(counted & (length > MIN_GRADIENT))] = 0.0
+    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+    total = max(float(length.sum(dtype=np.float64)), 1e-30)
+    return x * inverse, y * inverse, length * np.float32(1.0 / total)
+
+
+def normalize_contrast(image: Image, radius: int, min_sigma: float) -> Image:
+    """Return (D - m) / sigma of every pixel's (2 radius + 1)^2 neighbourhood (eq. 1); image (H, W) without NaN."""
+    side, inside = (2 * radius + 1,) * 2, (slice(None), slice(radius, -radius))
+    wide, plain = _around(image, radius), {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
+    rows = np.arange(len(image))[:, None]
+    number = side[1] * (np.minimum(rows + radius + 1, len(image)) - np.maximum(rows - radius, 0))
+    mean = cv2.boxFilter(wide, cv2.CV_64F, side, **plain)[inside] / number
+    square = cv2.sqrBoxFilter(wide, cv2.CV_64F, side, **plain)[inside] / number
+    sigma = np.sqrt(np.maximum(square - mean * mean, 0.0))
+    return ((image - mean) / np.maximum(sigma, min_sigma)).astype(np.float32)
+
+
+def fill_unknown(image: Image) -> Image:
+    """Return an image (H, W) with NaN replaced by the mean of known pixels around it (alg. 1); 0 without any."""
+    known = np.isfinite(image)
+    if known.all() or not known.any():
+        return np.nan_to_num(image)
+    filled = image.copy()
+    planes = (np.where(known, image, 0.0), known)
+    kernels.fill_nan(filled, *(cv2.integral(np.tile(plane.astype(np.float32), 3)) for plane in planes))
+    return filled
+
+
+def is_sky(range_m: Image) -> Mask:
+    """Return which pixels (H, W) are unknown with all above them."""
+    return np.isnan(np.fmax.accumulate(range_m, axis=0))
+
+
+def _inner(mask: Mask) -> Mask:
+    """Return which pixels (H, W) have all 3 x 3 around them in mask (H, W); what is above and below counts."""
+    return cv2.erode(_around(mask.astype(np.uint8), 1), np.ones((3, 3), np.uint8))[:, 1:-1] > 0
+
+
+def _around(image: NDArray[Any], margin: int) -> NDArray[Any]:
+    """Return an image with so many columns more on each side, which wrap around."""
+    return cv2.copyMakeBorder(image, 0, 0, margin, margin, cv2.BORDER_WRAP)

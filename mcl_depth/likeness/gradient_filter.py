@@ -9,9 +9,7 @@ over azimuth that is quick: products of them are the correlations at all heading
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +22,12 @@ from mcl_depth.constants import (
 )
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.spectra import (
-    BATCH,
     DOUBLE_COSINES,
     DOUBLE_SINES,
     FREQUENCIES,
     Curves,
     Image,
     KeptArrays,
-    Spectra,
     best_around,
     correlate,
     encode_cells,
@@ -71,16 +67,16 @@ class GradientFilter(KeptArrays):
     @classmethod
     def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> GradientFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        tensors, energies = partial(_tensors_of_cells, stack), partial(_energies_of_cells, stack)
-        return cls(*encode_cells(tensors, slots), *encode_cells(energies, slots))
+        tensors = encode_cells(stack, slots, _tensors_of, FREQUENCIES)
+        return cls(*tensors, *encode_cells(stack, slots, _energies_of, ENERGY_FREQUENCIES))
 
     def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
         `rows`: of some cells only. The best around each heading.
         """
-        seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-        count, width = PART_FINENESS * num_headings, visual.shape[1]
+        seen = np.ones_like(visual.magnitude) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+        count, width = PART_FINENESS * num_headings, seen.shape[1]
         weights = spectra_of(seen * double_gradients(visual), FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
@@ -89,20 +85,15 @@ class GradientFilter(KeptArrays):
         return best_around(curves.astype(np.float32), PART_FINENESS)
 
 
-def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
-    """Yield the spectra (F, n, 2 H) of the doubled gradients of a batch of cells."""
-    for first in range(0, len(slots), BATCH):
-        part = stack.take(slots[first : first + BATCH])
-        magnitudes = _normalize(magnitudes_of(part))
-        tensors = [table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)]
-        yield spectra_of(np.stack(tensors, axis=1), FREQUENCIES)
+def _tensors_of(part: FeatureStack) -> Image:
+    """Return the doubled gradients (n, 2, H, W) of cells."""
+    magnitudes = _normalize(magnitudes_of(part))
+    return np.stack([table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)], axis=1)
 
 
-def _energies_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
-    """Yield the spectra (E, n, H) of their squared length."""
-    for first in range(0, len(slots), BATCH):
-        magnitudes = _normalize(magnitudes_of(stack.take(slots[first : first + BATCH])))
-        yield spectra_of((magnitudes**2)[:, None], ENERGY_FREQUENCIES)
+def _energies_of(part: FeatureStack) -> Image:
+    """Return their squared length (n, 1, H, W)."""
+    return np.square(_normalize(magnitudes_of(part)))[:, None]
 
 
 def _normalize(magnitudes: Image) -> Image:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import ELEVATIONS_DEG, MIN_SEEN
-from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.constants import MIN_SEEN
 from mcl_depth.likeness import learned
 from mcl_depth.likeness.comparison import similarity_many
 from mcl_depth.likeness.encoder import EncoderPair, load_encoders
@@ -21,7 +20,7 @@ from mcl_depth.likeness.features import (
 from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
 from mcl_depth.likeness.spectra import Curves
-from mcl_depth.params import FilterParams, SynthesisParams
+from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
 Visual = GradientFeatures | LearnedFeatures
@@ -88,21 +87,13 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
     if params.likeness.kind == "gradients":
         return None
     encoders = load_encoders()
-    p = params.synthesis
-    found = p.num_columns, *ELEVATIONS_DEG
-    expected = encoders.num_columns, *encoders.elevations_deg
-    if found != expected:
-        words = "synthesis of {} columns from {:g} to {:g} deg"
-        raise ValueError(f"likeness.kind learned: expected {words.format(*expected)}, found {words.format(*found)}")
+    if (found := params.synthesis.num_columns) != encoders.num_columns:
+        expected = f"synthesis.num_columns {encoders.num_columns}"
+        raise ValueError(f"likeness.kind learned: expected {expected}, found {found}")
     return encoders
 
 
 def likeness_of(params: FilterParams, camera: Spherical) -> GradientLikeness | LearnedLikeness:
     """Return the likeness of the parameters for a window of the sphere."""
     encoders = check_likeness(params)
-    if encoders is None:
-        return GradientLikeness(params, camera)
-    if camera != panorama_window(SynthesisParams()):
-        size = f"{camera.width} x {camera.height}"
-        raise ValueError(f"likeness.kind learned: expected the default window of the sphere, found one of {size}")
-    return LearnedLikeness(encoders, camera)
+    return GradientLikeness(params, camera) if encoders is None else LearnedLikeness(encoders, camera)

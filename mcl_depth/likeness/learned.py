@@ -6,13 +6,11 @@ filter around it stays: joint evidence and its false-alarm rate, compass, partic
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Self
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
@@ -23,9 +21,9 @@ from mcl_depth.likeness.spectra import (
     Curves,
     Image,
     KeptArrays,
-    Spectra,
     best_around,
     correlate,
+    curves_of,
     encode_cells,
     spectra_of,
 )
@@ -54,11 +52,6 @@ class LearnedFeatures:
         gray = np.ascontiguousarray(self.gray[:, ::-1])
         is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
         return LearnedFeatures(gray, is_seen, self.encoders, self.camera)
-
-    @property
-    def identity(self) -> bytes:
-        """What tells the image from others."""
-        return self.gray.tobytes()
 
 
 @dataclass(frozen=True)
@@ -104,11 +97,8 @@ def compare_learned(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int
     for first in range(0, len(stack), BATCH):
         part = stack.take(slice(first, first + BATCH))
         depths = spectra_of(part.features, ABOVE_MEAN)  # (F, n, P)
-        products = np.einsum("fp,fnp->nf", image, depths.conj(), optimize=True)
-        full = np.zeros((len(part), num_alpha + 1), np.complex64)
-        count = min(products.shape[1], num_alpha)
-        full[:, 1 : 1 + count] = products[:, :count]
-        curves[first : first + BATCH] = scipy.fft.irfft(full, 2 * num_alpha, axis=1, norm="forward")[:, ::2]
+        products = np.einsum("fp,fnp->fn", image, depths.conj(), optimize=True)
+        curves[first : first + BATCH] = curves_of(products, ABOVE_MEAN.start, 2 * num_alpha)[:, ::2]
     return (np.float32(CHANCE) + curves / np.float32(width)).astype(np.float32)
 
 
@@ -126,7 +116,7 @@ class LearnedFilter(KeptArrays):
     @classmethod
     def of(cls, stack: LearnedStack, slots: NDArray[np.integer]) -> Self:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        return cls(*encode_cells(partial(_spectra_of_cells, stack), slots))
+        return cls(*encode_cells(stack, slots, lambda part: part.features, ABOVE_MEAN))
 
     def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
@@ -135,9 +125,3 @@ class LearnedFilter(KeptArrays):
         """
         weights = spectra_of(visual.features, ABOVE_MEAN) * self.scales
         return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings), FINENESS)
-
-
-def _spectra_of_cells(stack: LearnedStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
-    """Yield the spectra (F, n, P) of the features of a batch of cells."""
-    for first in range(0, len(slots), BATCH):
-        yield spectra_of(stack.take(slots[first : first + BATCH]).features, ABOVE_MEAN)

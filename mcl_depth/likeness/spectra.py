@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 import scipy.fft
@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from mcl_depth.constants import CODE_RANGE, NUM_FREQUENCIES, NUM_SAMPLES
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
-from mcl_depth.likeness.features import FeatureStack
+from mcl_depth.likeness.features import FeatureStack, Stack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
 
 Spectra = NDArray[np.complex64]
 Codes = NDArray[np.int8]
 Curves = NDArray[np.float32]
 Image = NDArray[np.float32]
+Kind = TypeVar("Kind", bound=Stack)
 
 BATCH = 128  # cells whose spectra are made at once
 
@@ -51,9 +52,14 @@ def magnitudes_of(stack: FeatureStack) -> Image:
 
 
 def encode_cells(
-    spectra_at: Callable[[NDArray[np.integer]], Iterable[Spectra]], slots: NDArray[np.integer]
+    stack: Kind, slots: NDArray[np.integer], pictures_of: Callable[[Kind], Image], frequencies: range
 ) -> tuple[Codes, NDArray[np.float32]]:
-    """Return the codes (F, N, 2 P) of the cells of slots (N,), by spectra in batches of slots, and their scales."""
+    """Return codes (F, N, 2 P) of the pictures (n, ..., H, W) of cells in slots (N,) of a stack, and their scales."""
+
+    def spectra_at(chosen: NDArray[np.integer]) -> Iterator[Spectra]:
+        for first in range(0, len(chosen), BATCH):
+            yield spectra_of(pictures_of(stack.take(chosen[first : first + BATCH])), frequencies)
+
     scales = scales_of(np.concatenate(list(spectra_at(sample_slots(slots))), axis=1))
     return encode_spectra(spectra_at(slots), scales, slots), scales
 
@@ -92,7 +98,11 @@ def correlate(codes: Codes, weights: Spectra, rows: NDArray[np.int64] | None, fi
     first: the lowest of the F frequencies; `rows`: of some cells only. To be divided by the width of the pictures.
     """
     chosen = codes if rows is None else np.ascontiguousarray(codes[:, rows])
-    spectra = kernels.correlate_codes(chosen, weights.astype(np.complex64))
+    return curves_of(kernels.correlate_codes(chosen, weights.astype(np.complex64)), first, count)
+
+
+def curves_of(spectra: Spectra, first: int, count: int) -> Curves:
+    """Return the values (N, count), evenly around, of spectra (F, N) from a lowest frequency on."""
     full = np.zeros((spectra.shape[1], count // 2 + 1), np.complex64)
     num = min(len(spectra), full.shape[1] - first)
     full[:, first : first + num] = spectra[:num].T

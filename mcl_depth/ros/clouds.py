@@ -17,8 +17,9 @@ from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import limits_of
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
-from mcl_depth.geometry.geodetic import Geodetic, declared_crs
+from mcl_depth.geometry.geodetic import Degrees, declared_crs, degrees_of
 from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.surfels import means_of
 from mcl_depth.geometry.survey_frame import refuse_stray
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
@@ -50,7 +51,7 @@ class GeometryLoader:
         self._share = 1.0  # of its depth images that are made
         self._origin = endpoints.add_publisher("map_origin", PointStamped, qos.LATCHED)
         self._fix = endpoints.add_publisher("fix", NavSatFix, qos.STATE) if params.survey.crs else None
-        self._geodetic: Geodetic | None = None  # the survey's system, where it is known
+        self._degrees_of: Degrees | None = None  # by the survey's system, where it is known
         if params.cloud:
             self.use(read_map(params.cloud, params), map_id=find_map_id(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
@@ -58,7 +59,7 @@ class GeometryLoader:
 
     def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0, map_id: str = "") -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
-        self._geodetic = self._find_geodetic(geometry.name)
+        self._degrees_of = self._find_system(geometry.name)
         synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
         self.geometry, self.fault, self.map_id = geometry, FINE, map_id
@@ -72,19 +73,19 @@ class GeometryLoader:
         for warning in geometry.warnings:
             self._log.warning(warning)
 
-    def _find_geodetic(self, name: str) -> Geodetic | None:
+    def _find_system(self, name: str) -> Degrees | None:
         crs = self._declared.survey.crs
         if crs == "auto" and not (crs := declared_crs(Path(name))):
             self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
-        return Geodetic(crs) if crs else None
+        return degrees_of(crs) if crs else None
 
     def tell_fix(self, estimate: BaseEstimate, stamp_ns: int) -> None:
         """Publish where on Earth a pose of the base is; its height is that of the survey."""
         pose, covariance = estimate.T_map_base, estimate.covariance
-        if self._fix is None or self._geodetic is None or self.geometry is None or pose is None or covariance is None:
+        if self._fix is None or self._degrees_of is None or self.geometry is None or pose is None or covariance is None:
             return
         east, north, height = pose.translation + self.geometry.origin
-        latitude, longitude = self._geodetic.degrees(east, north)
+        latitude, longitude = self._degrees_of(east, north)
         full = np.reshape(conversions.to_ros_covariance(covariance, pose), (6, 6))
         message = NavSatFix(
             header=conversions.header(stamp_ns, self._declared.base_frame),
@@ -171,7 +172,7 @@ def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
     """Return the number of cubes of a cloud that hold points; of vertices of surfaces."""
     if isinstance(geometry, TriangleMesh):
         return len(geometry.vertices)
-    return len(np.unique(np.floor((geometry.points - geometry.box[0]) / voxel_m), axis=0))
+    return len(means_of(geometry.points.astype(np.float64), voxel_m, geometry.name))
 
 
 def find_map_id(path: str) -> str:

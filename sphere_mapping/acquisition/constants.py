@@ -21,7 +21,6 @@ MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}
 
 # Exposures and colors (light/test_exposure, light/test_light)
 EXPOSED = (10, 245)  # grey levels between which cameras are compared
-MIN_SHARED_PIXELS = 50  # from which on two exposures are compared
 STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
 WHITE = 235  # grey level above which what is darkened rises to 255 again: nobody knows how bright it was
 MAX_GAIN = 3.0  # largest factor of an exposure over the mean of all
@@ -66,7 +65,6 @@ MAX_MAGNIFICATION, MAX_SUPERSAMPLING = 1.5, 4  # beyond it an image is sampled m
 WITHOUT_RANGE_M = 1e3  # taken for color where no range is known at all
 MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbors that is an edge
 MAX_CORRECTION = 0.01  # relative, of the last step; more is a surface that this direction does not see
-FEATHER_PX = 16.0  # width of the band over which a view fades out at its border (partial/test_joining)
 
 # Depth of another camera (partial/test_depth_registration)
 DEPTH_CORRECTIONS = 2  # after the warp, which is good to a pixel; the last one only confirms
@@ -150,7 +148,8 @@ TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tan
 HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
 # Fusion (range/test_fusion)
-PATCH_PX = 1  # half side of the patch that a LiDAR's point covers
+PATCH_PX = 3  # side of the patch that a LiDAR's point covers
+STEEP = 0.1  # depth by range, of an RGB-D camera: less is 84 degrees off its axis (stitching/test_stitcher)
 AGREEMENT_SIGMAS = 3.0  # sources that differ by more do not see the same: 1 in 370 by chance
 CONTRADICTION = (3.0, 0.05)  # times the least deviation, share of range: so sure a source, so far off: unknown
 MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most

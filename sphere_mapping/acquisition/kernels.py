@@ -8,25 +8,11 @@ from numba import config, set_num_threads
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
-SCALE = 16.0  # pyramids are int16 with four bits below the point
+SCALE = 16.0  # levels are sixteenths of a grey level
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
 COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
 ELSEWHERE = np.where(np.abs(np.subtract.outer(*[np.arange(NUM_DISPARITIES)] * 2)) <= 2, 32767, -32768).astype(np.int16)
 COST_NOISE = 4  # quarter grey levels: added to every difference, so that noise decides nothing
-
-
-@njit(**OPTIONS)
-def add_band(fine, coarse, weight, total):
-    """Add weight (h, w) f32 x (fine - coarse) (h, w, c) u8 to total (h, w, c) i16."""
-    height, width, channels = fine.shape
-    for y in range(height):
-        for x in range(width):
-            share = weight[y, x] * SCALE
-            if share == 0.0:
-                continue
-            for c in range(channels):
-                value = share * (np.float32(fine[y, x, c]) - np.float32(coarse[y, x, c]))
-                total[y, x, c] += np.int16(np.floor(value + 0.5))
 
 
 @njit(**OPTIONS)
@@ -72,17 +58,8 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, f
 
 
 @njit(**OPTIONS)
-def _add_costs(level, low, high, costs):
-    """Add the costs of one pixel of this level against low, high (NUM_DISPARITIES,) i16 to costs, alike."""
-    zero, cap = np.int16(0), np.int16(COST_CAP)
-    for k in range(NUM_DISPARITIES):
-        outside = max(np.int16(level - high[k]), np.int16(low[k] - level))
-        costs[k] += min(max(outside, zero), cap)
-
-
-@njit(**OPTIONS)
 def _exchange_costs(level, low, high, old_level, old_low, old_high, costs):
-    """Add the costs of one pixel, as `_add_costs` does, and take those of another one away."""
+    """Add the costs of a level against low, high (NUM_DISPARITIES,) i16 to costs, alike, and take old ones away."""
     zero, cap = np.int16(0), np.int16(COST_CAP)
     for k in range(NUM_DISPARITIES):
         new = max(max(np.int16(level - high[k]), np.int16(low[k] - level)), zero)
@@ -119,19 +96,13 @@ def cost_ratios(top, low, high, disparity, first, radius, ratio):
     width, height = ratio.shape
     floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
     sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
-    nothing = np.zeros_like(block)
+    nothing, zero = np.zeros_like(block), np.int16(0)
     for u in range(-2 * radius, width):
         new, old = u + 2 * radius, u - 1
-        if u > 0:
-            for v in range(height):  # slices of constant length: no index that could be negative, so vectors
-                seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
-                _exchange_costs(
-                    top[new, v], low[new, seen], high[new, seen], top[old, v], low[old, seen], high[old, seen], sums[v]
-                )
-        else:
-            for v in range(height):
-                seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
-                _add_costs(top[new, v], low[new, seen], high[new, seen], sums[v])
+        for v in range(height):  # slices of constant length: no index that could be negative, so vectors
+            seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
+            gone, below, above = (top[old, v], low[old, seen], high[old, seen]) if u > 0 else (zero, nothing, nothing)
+            _exchange_costs(top[new, v], low[new, seen], high[new, seen], gone, below, above, sums[v])
         if u < 0:
             continue
         block[:] = 0
@@ -283,125 +254,37 @@ def _add_near(n, beside, middle, largest, total, number):
 
 
 @njit(cache=True, nogil=True)
-def smooth(disparity, radius, limit, share, between, out):
-    """Write the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle to out.
-
-    disparity, between, out (H, W) f32; limit px and share of the disparity: what is little. NaN stays NaN. A block's
-    step says nothing of what changes within the block: without this, such errors would stay and grow.
-    """
-    height, width = disparity.shape
+def _average_near(wide, radius, is_down, limit, share, out):
+    """Write the mean of the pixels along the columns, or the rows, that differ little from the middle; see `smooth`."""
+    height, width = wide.shape[0] - 2 * radius, wide.shape[1] - 2 * radius
     total, number, largest = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     zero = np.float32(0.0)
-    for v in range(height):
-        middle = disparity[v]
+    for v in range(radius, radius + height):
+        middle, mean = wide[v, radius : radius + width], out[v, radius : radius + width]
         for u in range(width):
             total[u], number[u] = zero, zero
             largest[u] = limit + share * abs(middle[u])
-        for j in range(max(v - radius, 0), min(v + radius + 1, height)):
-            _add_near(width, disparity[j], middle, largest, total, number)
+        for k in range(2 * radius + 1):
+            row, first = (v + k - radius, radius) if is_down else (v, k)
+            _add_near(width, wide[row, first : first + width], middle, largest, total, number)
         for u in range(width):
-            between[v, u] = total[u] / number[u] if number[u] > zero else np.nan
-    for v in range(height):
-        for u in range(width):
-            total[u], number[u] = zero, zero
-            largest[u] = limit + share * abs(between[v, u])
-        for k in range(-radius, radius + 1):
-            first, size = max(-k, 0), width - abs(k)  # slices, so that no index can be negative
-            middle, beside = between[v, first : first + size], between[v, first + k : first + k + size]
-            _add_near(size, beside, middle, largest[first:], total[first:], number[first:])
-        for u in range(width):
-            out[v, u] = total[u] / number[u] if number[u] > zero else np.nan
+            mean[u] = total[u] / number[u] if number[u] > zero else np.nan
 
 
-@njit(**OPTIONS)
-def settle(refined, start, information, left, slopes, limits, value, std):
-    """Write aligned disparities and their deviations to value, std (H, W) f32, NaN where they are not trusted.
+@njit(cache=True, nogil=True)
+def smooth(disparity, radius, limit, share):
+    """Return the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle.
 
-    slopes (2, H, W) f32: mean squares across and along the columns. limits: largest way from the start in px, most that
-    may be left, variance by 1 / information, variance in px^2 that calibration leaves.
+    disparity (H, W) f32; limit px and share of the disparity: what is little. NaN stays NaN. A block's step says
+    nothing of what changes within the block: without this, such errors would stay and grow.
     """
-    most, rest, factor, calibration = limits
-    one, nan = np.float32(1.0), np.float32(np.nan)
-    height, width = value.shape
-    for v in range(height):
-        for u in range(width):
-            is_good = (abs(refined[v, u] - start[v, u]) <= most) & (left[v, u] <= rest) & (information[v, u] > 0.0)
-            # calibration leaves as much across as along: on a line nearly along the column it becomes disparity
-            along = one + slopes[0, v, u] / max(slopes[1, v, u], one)
-            variance = factor / information[v, u] + calibration * along
-            value[v, u] = refined[v, u] if is_good else nan
-            std[v, u] = np.sqrt(variance) if is_good else nan
-
-
-@njit(**OPTIONS)
-def _steady_step(before, after):
-    """Return the smaller of two steps in a row, 0 where they turn: beside an edge it is that of the surface itself."""
-    least = min(abs(before), abs(after))
-    least = least if before * after > np.float32(0.0) else np.float32(0.0)
-    return least if before > np.float32(0.0) else -least
-
-
-@njit(**OPTIONS)
-def compare_steps(top, bottom, disparity, margin, wraps, products):
-    """Write squared steps along the columns of both images, and their product, to products (3, H, W + 2 margin) f32.
-
-    top, bottom (H, W) u8; disparity (H, W) f32: the lower image is taken there, linearly. 0 where it is unknown, and in
-    the margin columns on each side, unless they continue a whole sphere.
-    """
-    height, width = top.shape
-    zero, one, last, stride = np.float32(0.0), np.float32(1.0), np.float32(height - 2), np.int32(width)
-    lower = bottom.ravel()
-    products[:, 0], products[:, height - 1] = zero, zero
-    for v in range(1, height - 1):
-        row, above, middle, below, d = np.float32(v), top[v - 1], top[v], top[v + 1], disparity[v]
-        a, b, c = products[0, v], products[1, v], products[2, v]
-        for u in range(width):
-            y = row - d[u]
-            is_inside = (y >= one) & (y < last)  # not so where d is NaN
-            y = y if is_inside else one
-            y0 = np.int32(y)
-            f = y - np.float32(y0)
-            at = np.int64((y0 - np.int32(1)) * stride) + u  # one index, as in `compare_row`
-            p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
-            p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
-            first, second, third = p1 - p0, p2 - p1, p3 - p2
-            there = _steady_step(first + f * (second - first), second + f * (third - second))
-            level = np.float32(middle[u])
-            here = _steady_step(level - np.float32(above[u]), np.float32(below[u]) - level)
-            n = one if is_inside else zero
-            a[margin + u], b[margin + u], c[margin + u] = here * here * n, there * there * n, here * there * n
-        for k in range(margin):
-            for j in range(3):
-                line = products[j, v]
-                line[k] = line[width + k] if wraps else zero
-                line[margin + width + k] = line[margin + k] if wraps else zero
-
-
-@njit(**OPTIONS)
-def correlate_alike(levels, products, radius, most, floor, correlation):
-    """Write how far the steps of a pixel's own surface agree in both images, -1 to 1, to correlation (H, W) f32.
-
-    Its own surface: the pixels of its block of (2 radius + 1)^2 px whose level differs from its own by at most `most`.
-    levels (H, W + 2 radius) f32, products (3, H, W + 2 radius) f32 of `compare_steps`, both with radius columns of
-    margin on each side; floor: added to the product of both sums of squares, grey levels^4.
-    """
-    height, width = correlation.shape
-    zero = np.float32(0.0)
-    here, there, both = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    for v in range(height):
-        own = levels[v, radius : radius + width]
-        here[:], there[:], both[:] = zero, zero, zero
-        for j in range(max(v - radius, 0), min(v + radius + 1, height)):
-            for i in range(2 * radius + 1):
-                beside = levels[j, i : i + width]
-                a, b, c = products[0, j, i : i + width], products[1, j, i : i + width], products[2, j, i : i + width]
-                for u in range(width):
-                    is_alike = abs(beside[u] - own[u]) <= most
-                    here[u] += a[u] if is_alike else zero
-                    there[u] += b[u] if is_alike else zero
-                    both[u] += c[u] if is_alike else zero
-        for u in range(width):
-            correlation[v, u] = both[u] / np.sqrt(here[u] * there[u] + floor)
+    height, width = disparity.shape
+    wide = np.full((height + 2 * radius, width + 2 * radius), np.float32(np.nan))
+    wide[radius : radius + height, radius : radius + width] = disparity
+    between = wide.copy()
+    _average_near(wide, radius, True, limit, share, between)
+    _average_near(between, radius, False, limit, share, wide)
+    return wide[radius : radius + height, radius : radius + width].copy()
 
 
 @njit(**OPTIONS)
@@ -439,22 +322,6 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
 
 
 @njit(**OPTIONS)
-def stretch(range_m, std_m, error, shrink, per_m):
-    """Change range and deviation (H, W) f32 to those by baselines longer by a share `error` (H, W) f32 than assumed.
-
-    per_m: 1 over the range at which the images were made to fit, in 1/m; there this changes nothing. What is far stays
-    so. shrink (H, W) f32: a factor beside it.
-    """
-    one, least = np.float32(1.0), np.float32(0.1)
-    for v in range(range_m.shape[0]):
-        for u in range(range_m.shape[1]):
-            r, e = range_m[v, u], error[v, u]
-            factor = (one + e) / max(one + e * per_m * r, least) * shrink[v, u] if r < np.float32(1e9) else one
-            range_m[v, u] = r * factor
-            std_m[v, u] = std_m[v, u] * factor
-
-
-@njit(**OPTIONS)
 def tangent(angle):
     """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
     if angle > 0.35:
@@ -464,19 +331,17 @@ def tangent(angle):
 
 
 @njit(**OPTIONS)
-def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
-    """Write ranges (N,) f32 and their std to the pixels around (u, v) of nearest (H, W) f32, keeping the nearest.
+def splat_with_std(u, v, range_m, std_m, size, wraps, nearest, nearest_std):
+    """Write ranges (N,) f32 and their std to the size^2 pixels around (u, v) of nearest (H, W) f32, if they are nearer.
 
-    nearest starts as +Inf, nearest_std as NaN. Without `half` the four pixels around, else (2 half + 1)^2.
+    nearest starts as +Inf, nearest_std as NaN.
     """
     height, width = nearest.shape
+    before = 0.5 * size - 1.0
     for i in range(u.size):
         if np.isnan(u[i]) or np.isnan(v[i]) or np.isnan(range_m[i]):
             continue
-        if half > 0:
-            x0, y0, size = int(np.floor(u[i] + 0.5)) - half, int(np.floor(v[i] + 0.5)) - half, 2 * half + 1
-        else:
-            x0, y0, size = int(np.floor(u[i])), int(np.floor(v[i])), 2
+        x0, y0 = int(np.floor(u[i] - before)), int(np.floor(v[i] - before))
         for y in range(max(y0, 0), min(y0 + size, height)):
             for dx in range(size):
                 x = x0 + dx

@@ -40,13 +40,13 @@ from sphere_mapping.graph.verification import Run
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Floats
-from sphere_nav.spheres.constants import MAX_GAP
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import (
     RangeFit,
     RangeImage,
     assess_ranges,
     fit_both_ways,
+    is_apart,
     measure_motion_by_ranges,
     reconcile,
 )
@@ -203,14 +203,17 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
             known = nearest.get(image.track.key_id)
             if known is None or away_m < known[0]:
                 nearest[image.track.key_id] = away_m, image
-    for key_id, (away_m, image) in nearest.items():
+    for away_m, image in nearest.values():
         assert image.located is not None
-        T_sphere_key = image.track.T_key_sphere.inverse()
-        adjoint = T_sphere_key.inverse().adjoint()
-        floor = np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away_m, EDGE_FLOOR[1]], 3) ** 2
-        covariance = adjoint @ image.located.covariance @ adjoint.T + np.diag(floor)
-        T_a_key = image.located.T_a_sphere @ T_sphere_key
-        yield Edge(image.located.a, key_id, T_a_key, symmetric_inverse(covariance), is_loop=True)
+        one, floor = image.located, np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away_m, EDGE_FLOOR[1]], 3) ** 2
+        yield edge_to_key(one.a, image.track, one.T_a_sphere, one.covariance, floor)
+
+
+def edge_to_key(a: int, track: Track, T_a_sphere: SE3, covariance: Array, floor: Array) -> Edge:
+    """Return the join of `a` with the key sphere before a sphere, by where that is and the variances (6,) between."""
+    adjoint = track.T_key_sphere.adjoint()
+    information = symmetric_inverse(adjoint @ covariance @ adjoint.T + np.diag(floor))
+    return Edge(a, track.key_id, T_a_sphere @ track.T_key_sphere.inverse(), information, is_loop=True)
 
 
 def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeImage], told: str = "") -> First:
@@ -220,7 +223,9 @@ def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int]
         own = RangeImage.from_sphere(drive.load(node.id))
         fits = [(one.id, fit) for one in spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
-        edges += [range_edge(fit, a, node.id) for a, fit in best]
+        edges += [
+            Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.honest_covariance), is_loop=True) for a, fit in best
+        ]
     found = agreeing(base, drive.graph, edges)
     is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
     found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
@@ -242,12 +247,7 @@ def refine_by_ranges(
         num_alike += ways is not None
         fit = ways and reconcile(*ways)
         if fit is not None:
-            track = place.image.track
-            to_key = track.T_key_sphere
-            adjoint = to_key.adjoint()
-            covariance = adjoint @ fit.honest_covariance @ adjoint.T
-            T_a_key = fit.T_a_b @ to_key.inverse()
-            found.append(Edge(place.node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
+            found.append(edge_to_key(place.node.id, place.image.track, fit.T_a_b, fit.honest_covariance, np.zeros(6)))
     return found, num_alike, len(places)
 
 
@@ -291,17 +291,12 @@ def find_rival(places: Sequence[Place], load_base: Callable[[int], RangeImage]) 
     return 0.0
 
 
-def range_edge(fit: RangeFit, a: int, b: int) -> Edge:
-    """Return a motion by ranges as a robust edge of the graph."""
-    return Edge(a, b, fit.T_a_b, symmetric_inverse(fit.honest_covariance), is_loop=True)
-
-
 def _fit_all(a: RangeImage, b: RangeImage) -> list[RangeFit]:
     """Return the motions between two spheres that ranges allow, where only the upright axis is known: a box has two."""
     headings, found = guess_headings(a, b), list[RangeFit]()
     for heading in headings.tolist():
         fit = measure_motion_by_ranges(a, b, SE3.from_planar(0.0, 0.0, heading))
-        if fit is not None and not any(is_same(fit.T_a_b, other.T_a_b) for other in found):
+        if fit is not None and all(is_apart(fit.T_a_b, other.T_a_b.inverse()) for other in found):
             found.append(fit)
     return found
 
@@ -325,9 +320,3 @@ def _without_mean(image: Floats) -> Array:
     values = np.where(is_known, image, 0.0).astype(np.float64)
     mean = values.sum(axis=1, keepdims=True) / np.maximum(is_known.sum(axis=1, keepdims=True), 1)
     return np.where(is_known, values - mean, 0.0)
-
-
-def is_same(one: SE3, other: SE3) -> bool:
-    """Say whether two motions are one."""
-    distance, angle = one.distance(other)
-    return bool(distance <= MAX_GAP[0] and angle <= MAX_GAP[1])

@@ -46,10 +46,9 @@ class TwoWayMotion:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion(TwoWayMotion):
-    """The same by grey levels, with the two alignments."""
+    """The same by grey levels, with the alignment of B in the frame of A."""
 
     forward: Alignment
-    back: Alignment
 
 
 def measure_motion(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> MeasuredMotion | None:
@@ -131,7 +130,7 @@ def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
         return None
     adjoint = T_there.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)
-    return MeasuredMotion(*meet(T_there, T_back, fits, EDGE_FLOOR), forward, back)
+    return MeasuredMotion(*meet(T_there, T_back, fits, EDGE_FLOOR), forward)
 
 
 def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:

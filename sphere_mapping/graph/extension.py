@@ -15,12 +15,11 @@ from sphere_mapping.constants import (
     MAX_SEEDS,
     MIN_JOINS,
     MIN_LEAD,
-    NUM_ALIKE,
     NUM_TRIED,
 )
 from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
+from sphere_mapping.graph.verification import Run, find_candidates, look_up, trial_of, verify, verify_pairs
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -55,9 +54,10 @@ class Joins:
 def find_joins(base: Submap, drive: Submap, run: Run = map) -> Joins:
     """Return the places that a drive has in common with a map, none where too few agree on where the drive is."""
     nodes = list(drive.graph)
-    found = list(run(find_candidates, (_lookup(base.index, drive.index, node.id) for node in nodes)))
+    found = list(run(find_candidates, (look_up(base.index, drive.index.features[node.id]) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
-    trials = (_trial(base, drive, newer, candidates) for newer, candidates in alike)
+    best = ((newer, sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]) for newer, found in alike)
+    trials = (trial_of(newer, drive.load(newer), candidates, base.load) for newer, candidates in best)
     aligned = [edge for edge in run(verify, trials) if edge is not None]
     return Joins(agreeing(base.graph, drive.graph, aligned), len(nodes), len(alike), len(aligned))
 
@@ -96,9 +96,7 @@ def join_closely(base: Submap, drive: Submap, joined: SphereGraph, run: Run = ma
     joins = [edge for edge in joined.edges if edge.a in base.graph.nodes and edge.b in drive.graph.nodes]
     is_whole = drive.load(min(drive.graph.nodes)).camera.is_whole
     pairs = seen_pairs(moved, base.graph, set(), is_whole=is_whole)
-    trials = (believed(older, newer, base.load, drive.load) for older, newer in pairs)
-    found = [edge for edge in run(verify, trials) if edge is not None]
-    return join_graphs(base.graph, drive.graph, [*joins, *found])
+    return join_graphs(base.graph, drive.graph, [*joins, *verify_pairs(pairs, base.load, drive.load, run)])
 
 
 def place_of_drive(base: SphereGraph, drive: SphereGraph, edge: Edge) -> SE3:
@@ -121,15 +119,3 @@ def _like(seed: Edge, base: SphereGraph, drive: SphereGraph, edges: Sequence[Edg
         return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
 
     return [edge for edge in edges if is_like(edge)]
-
-
-def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Lookup:
-    features = own.features[newer_id]
-    alike = (one.sphere_id for one in known.find(features, NUM_ALIKE))
-    return Lookup(features, tuple((older, known.features[older]) for older in alike))
-
-
-def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate]) -> LoopTrial:
-    best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
-    older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
-    return LoopTrial(newer_id, drive.load(newer_id), older)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, MutableMapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,13 +23,21 @@ from sphere_mapping.constants import (
     MAX_AWAY,
     MIN_DETOUR,
     MIN_LEAD,
-    NUM_ALIKE,
     NUM_OLDER,
     SAME_PLACE_M,
 )
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
+from sphere_mapping.graph.verification import (
+    Candidate,
+    Lookup,
+    Run,
+    find_candidates,
+    look_up,
+    trial_of,
+    verify,
+    verify_pairs,
+)
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -55,30 +64,28 @@ class LoopCloser:
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
         chosen = choose_candidate(graph, newer_id, find_candidates(self._lookup(graph, newer_id)))
-        return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
+        return verify(trial_of(newer_id, newer.sphere, [chosen], self._load)) if chosen is not None else None
 
     def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
         """Return every verified loop that the graph lacks, by appearance and of spheres that see the same."""
         self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
         placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
-        chosen = [
-            (newer_id, choose_candidate(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)
-        ]
-        trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
+        found = zip(ids, placed, strict=True)
+        chosen = {newer_id: choose_candidate(graph, newer_id, candidates) for newer_id, candidates in found}
+        trials = (
+            trial_of(newer_id, self._load(newer_id), [one], self._load) for newer_id, one in chosen.items() if one
+        )
         loops = [loop for loop in run(verify, trials) if loop is not None]
         joined |= {(loop.a, loop.b) for loop in loops}
         is_whole = self._load(ids[0]).camera.is_whole
         seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))
-        trials = (believed(older, newer, self._load, self._load) for older, newer in seen)
-        return loops + [loop for loop in run(verify, trials) if loop is not None]
+        return loops + verify_pairs(seen, self._load, self._load, run)
 
     def recognize(self, graph: SphereGraph, current: PreparedSphere) -> Candidate | None:
         """Return the key sphere by which a sphere that is not in the graph is seen to be; None where several could."""
-        alike = self.index.find(current.features, NUM_ALIKE)
-        lookup = Lookup(current.features, tuple((one.sphere_id, self.index.features[one.sphere_id]) for one in alike))
-        found = sorted(find_candidates(lookup), key=lambda one: -one.num_inliers)
-        return found[0] if found and is_clear(graph, found[0], found[1:], SAME_PLACE_M) else None
+        found = find_candidates(look_up(self.index, current.features))
+        return choose_clear(graph, found, lambda *_: SAME_PLACE_M)
 
     def prepare(self, sphere_id: int) -> PreparedSphere:
         """Return a key sphere to align with."""
@@ -93,14 +100,9 @@ class LoopCloser:
     def _lookup(self, graph: SphereGraph, newer_id: int) -> Lookup:
         """Return the older spheres that look like one, neither on the way that led to it nor joined with it."""
         before = passed(graph, newer_id, self._params.loop.min_way_m)
-        features = self.index.features[newer_id]
-        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbors(graph, newer_id)])
-        older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
-        return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
-
-    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> LoopTrial:
-        older = (one.older, self._load(one.older), one.T_older_newer)
-        return LoopTrial(newer_id, newer, (older,))
+        without = [newer_id, *before, *neighbors(graph, newer_id)]
+        found = look_up(self.index, self.index.features[newer_id], without)
+        return replace(found, alike=tuple(one for one in found.alike if one[0] < newer_id))
 
 
 def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
@@ -123,24 +125,21 @@ def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) 
     if not found:
         return None
     ways = lengths_from(graph, newer_id)
-    possible = sorted(
-        (one for one in found if is_possible(graph, newer_id, one, ways)), key=lambda one: -one.num_inliers
-    )
-    if not possible:
+    possible = [one for one in found if is_possible(graph, newer_id, one, ways)]
+    return choose_clear(graph, possible, lambda best, other: _spread(ways, best, other))
+
+
+def choose_clear(
+    graph: SphereGraph, found: list[Candidate], spread_m: Callable[[Candidate, Candidate], float]
+) -> Candidate | None:
+    """Return the candidate with the most features; None where one farther than the spread has nearly as many."""
+    best = max(found, key=lambda one: one.num_inliers, default=None)
+    if best is None:
         return None
-    best, *others = possible
-    is_best = all(is_clear(graph, best, [other], _spread(ways, best, other)) for other in others)
-    return best if is_best else None
-
-
-def is_clear(graph: SphereGraph, best: Candidate, others: list[Candidate], spread_m: float) -> bool:
-    """Say whether no other candidate farther than `spread_m` away has nearly as many features as the best one."""
     at = place_of(graph, best).translation
-    return not any(
-        np.linalg.norm(place_of(graph, other).translation - at) > spread_m
-        and other.num_inliers * MIN_LEAD > best.num_inliers
-        for other in others
-    )
+    rivals = [one for one in found if one.num_inliers * MIN_LEAD > best.num_inliers]
+    is_clear = all(np.linalg.norm(place_of(graph, one).translation - at) <= spread_m(best, one) for one in rivals)
+    return best if is_clear else None
 
 
 def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[int, float]) -> bool:

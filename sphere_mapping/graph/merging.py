@@ -54,8 +54,6 @@ def compose_edges(first: Edge, second: Edge) -> Edge:
 
     T_a_b exp(x) T_b_c exp(y) = T_a_b T_b_c exp(Ad(T_c_b) x + y), to first order.
     """
-    if first.b != second.a:
-        raise ValueError(f"edges {first.a}-{first.b}, {second.a}-{second.b}: expected a common key sphere, found none")
     adjoint = second.T_a_b.inverse().adjoint()
     covariance = adjoint @ np.linalg.inv(first.information) @ adjoint.T + np.linalg.inv(second.information)
     is_loop = first.is_loop or second.is_loop
@@ -163,18 +161,14 @@ def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
     before, drive, meters = -1, -1, 0.0
     for node_id in sorted(graph.nodes):
         edge = chain.get((before, node_id))
-        drive, meters = (drive, meters + _length(edge)) if edge is not None else (drive + 1, 0.0)
+        drive, meters = (drive, meters + edge.length_m) if edge is not None else (drive + 1, 0.0)
         found[node_id], before = (drive, meters), node_id
     return found
 
 
 def _spacing(edges: list[Edge]) -> float:
     """Return how far a key sphere is from those before and after it, the farther one."""
-    return max((_length(edge) for edge in edges if not edge.is_loop), default=0.0)
-
-
-def _length(edge: Edge) -> float:
-    return float(np.linalg.norm(edge.T_a_b.translation))
+    return max((edge.length_m for edge in edges if not edge.is_loop), default=0.0)
 
 
 def _from(node_id: int, edge: Edge) -> Edge:

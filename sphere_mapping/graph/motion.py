@@ -87,26 +87,20 @@ class DriveMotion:
             return SE3.identity()
         if T_odom_sphere is not None and self.last.T_odom_sphere is not None:
             return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
-        return self.newest @ self._extrapolate(stamp_ns)
+        elapsed = min(max(self._elapsed(stamp_ns), 0.0), MAX_EXTRAPOLATION)  # at constant velocity
+        return self.newest @ SE3.exp(((self.before or self.last).T_map_sphere.inverse() @ self.newest).log() * elapsed)
 
     def velocity(self) -> Array:
         """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
-        if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
-            return np.zeros(6)
-        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
-        return T_before_last.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
+        return _velocity(self.before, self.last.T_map_sphere, self.last.stamp_ns) if self.last else np.zeros(6)
 
     def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
-        if self.last is None or stamp_ns <= self.last.stamp_ns:
-            return np.zeros(6)
-        return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
+        return _velocity(self.last, T_map_sphere, stamp_ns)
 
     def velocity_through(self, T_map_next: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) at the last sphere by the one before it and the next one, at a stamp."""
-        if self.before is None or stamp_ns <= self.before.stamp_ns:
-            return self.velocity_to(T_map_next, stamp_ns)
-        return (self.before.T_map_sphere.inverse() @ T_map_next).log() / ((stamp_ns - self.before.stamp_ns) * 1e-9)
+        return _velocity(self.before or self.last, T_map_next, stamp_ns)
 
     def expect(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> Expectation:
         """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all.
@@ -115,10 +109,11 @@ class DriveMotion:
         """
         T_odom_sphere = None if self.num_lost >= CONTRADICTED else T_odom_sphere
         guess = self.predict(stamp_ns, T_odom_sphere)
-        if self.last is None or (self.before is None and not self._has_odometry(T_odom_sphere)):
+        has_odometry = T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None
+        if self.last is None or (self.before is None and not has_odometry):
             return Expectation(guess, np.inf, np.inf, is_known=False)
         is_known = True
-        if self._has_odometry(T_odom_sphere):
+        if has_odometry:
             distance, angle = self.last.T_map_sphere.distance(guess)
             growth = ODOMETRY_SHARE * float(distance), ODOMETRY_SHARE * float(angle)
         else:
@@ -127,18 +122,15 @@ class DriveMotion:
             is_known = self._elapsed(stamp_ns) <= MAX_KNOWN
         return Expectation(guess, EXPECTED_FLOOR[0] + growth[0], EXPECTED_FLOOR[1] + growth[1], is_known)
 
-    def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
-        return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None
-
     def _elapsed(self, stamp_ns: int) -> float:
         """Return the time since the last sphere in intervals of the motion before; 0 where there is none."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return 0.0
         return (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
 
-    def _extrapolate(self, stamp_ns: int) -> SE3:
-        """Return the motion since the last sphere at constant velocity."""
-        elapsed = min(max(self._elapsed(stamp_ns), 0.0), MAX_EXTRAPOLATION)
-        if self.last is None or self.before is None or elapsed == 0.0:
-            return SE3.identity()
-        return SE3.exp((self.before.T_map_sphere.inverse() @ self.last.T_map_sphere).log() * elapsed)
+
+def _velocity(since: Placed | None, T_map_sphere: SE3, stamp_ns: int) -> Array:
+    """Return the velocity (6,) from a placed sphere to a pose at a later stamp; zero where there is none."""
+    if since is None or stamp_ns <= since.stamp_ns:
+        return np.zeros(6)
+    return (since.T_map_sphere.inverse() @ T_map_sphere).log() / ((stamp_ns - since.stamp_ns) * 1e-9)

@@ -104,8 +104,7 @@ def align_sphere(
         if alignment.is_converged:
             return alignment
         first = first or alignment
-    if first is None:
-        raise ValueError("registration: expected at least one guess, found none")
+    assert first is not None
     return first
 
 

@@ -57,17 +57,19 @@ class SphereTracker:
         found = align_expected() if expected.is_known else None
         if found is not None and found.is_converged:
             return found
-        is_contradicted = self.motion.num_lost >= CONTRADICTED
+
+        def is_possible(proven: Alignment) -> bool:
+            return self.motion.num_lost >= CONTRADICTED or expected.allows(proven.T_world_camera)
+
         for key_id, reference in self.references:
             proven = self._prove(current, reference, graph[key_id])
-            if proven is not None and (is_contradicted or expected.allows(proven.T_world_camera)):
+            if proven is not None and is_possible(proven):
                 return proven
         found = found or align_expected()
         if found.is_converged:
             return found
         proven = self._prove_by_parts(current, expected, graph)
-        is_possible = proven is not None and (is_contradicted or expected.allows(proven.T_world_camera))
-        return proven if proven is not None and is_possible else found
+        return proven if proven is not None and is_possible(proven) else found
 
     def find_again(self, current: PreparedSphere, found: Alignment, loops: LoopCloser, graph: SphereGraph) -> Alignment:
         """Return an alignment; in place of a refused one, after several, that with a key sphere that looks alike.

@@ -6,16 +6,18 @@ What is asked and answered are values, so that it makes no difference where the 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from itertools import starmap
 from typing import Any, TypeVar
 
-from sphere_mapping.constants import MIN_INLIERS
+from sphere_mapping.constants import MIN_INLIERS, NUM_ALIKE
 from sphere_mapping.graph.both_ways import measure_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import Features
+from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.appearance.pose import find_pose
 from sphere_nav.spheres.graph import Edge, KeySphere
 from sphere_nav.spheres.sphere import Sphere
@@ -51,12 +53,15 @@ class LoopTrial:
     older: tuple[tuple[int, Sphere, SE3], ...]
 
 
-def believed(
-    older: KeySphere, newer: KeySphere, load_older: Callable[[int], Sphere], load_newer: Callable[[int], Sphere]
-) -> LoopTrial:
-    """Return two key spheres to be aligned from where the graph has them."""
-    guess = older.T_map_sphere.inverse() @ newer.T_map_sphere
-    return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),))
+def look_up(known: AppearanceIndex, features: Features, without: Collection[int] = ()) -> Lookup:
+    """Return what some features are to be compared with: the key spheres of an index that look most alike."""
+    alike = (one.sphere_id for one in known.find(features, NUM_ALIKE, without=without))
+    return Lookup(features, tuple((older, known.features[older]) for older in alike))
+
+
+def trial_of(newer_id: int, newer: Sphere, found: Iterable[Candidate], load: Callable[[int], Sphere]) -> LoopTrial:
+    """Return a new key sphere to be aligned with candidates from where these have it."""
+    return LoopTrial(newer_id, newer, tuple((one.older, load(one.older), one.T_older_newer) for one in found))
 
 
 def find_candidates(lookup: Lookup) -> list[Candidate]:
@@ -77,6 +82,21 @@ def verify(trial: LoopTrial) -> Edge | None:
         if motion is not None:
             return motion.edge(older_id, trial.newer_id, is_loop=True)
     return None
+
+
+def verify_pairs(
+    pairs: Iterable[tuple[KeySphere, KeySphere]],
+    load_older: Callable[[int], Sphere],
+    load_newer: Callable[[int], Sphere],
+    run: Run = map,
+) -> list[Edge]:
+    """Return the edges of key spheres (older, newer) that are confirmed from where the graph has them."""
+
+    def trial(older: KeySphere, newer: KeySphere) -> LoopTrial:
+        guess = older.T_map_sphere.inverse() @ newer.T_map_sphere
+        return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),))
+
+    return [edge for edge in run(verify, starmap(trial, pairs)) if edge is not None]
 
 
 def run_in(executor: Executor, num_ahead: int) -> Run:

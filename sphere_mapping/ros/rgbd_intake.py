@@ -10,7 +10,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_view
 from sphere_mapping.acquisition.partial.window import upright_axes
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
@@ -52,35 +52,23 @@ class RgbdIntake:
         view = self._view(instant, camera, depth_camera, depth_frame, mount)
 
         def unroll(velocity: Array) -> Sphere:
-            return sphere_from_views([replace(view, twist=velocity * readout)], instant.stamp_ns, partial)
+            return sphere_from_view(replace(view, twist=velocity * readout), instant.stamp_ns, partial)
 
-        sphere = sphere_from_views([view], instant.stamp_ns, partial)
+        sphere = sphere_from_view(view, instant.stamp_ns, partial)
         return sphere, mount, unroll if readout else None
 
     def _view(
         self, instant: Instant, camera: Camera, depth_camera: Camera, depth_frame: str, mount: CameraMount
     ) -> RgbdView:
-        """Return the view of an instant; depth that was registered is registered anew where a pose is given.
-
-        So is depth of another camera under a rolling shutter: rows are straightened in one image.
-        """
-        is_other, is_rolling = depth_frame != mount.frame_id, self._params.camera.readout > 0.0
-        T_image_depth = self._T_given
+        """Return the view of an instant, its depth as the camera of the image would see it."""
+        T_image_depth, depth_m = self._T_given, instant.images[DEPTH]
         if T_image_depth is None:
+            is_other = depth_frame != mount.frame_id
             T_image_depth = self._lookup(mount.frame_id, depth_frame) if is_other else SE3.identity()
-        is_registered, is_off = depth_camera == camera and not is_other, bool(np.any(T_image_depth.log()))
-        image, depth_m, T_sphere_camera = (
-            instant.images[IMAGE],
-            instant.images[DEPTH],
-            mount.T_sphere_body @ T_BODY_OPTICAL,
-        )
-        is_beside = not is_registered and (depth_camera != camera or is_off)
-        if (is_registered and is_off) or (is_beside and is_rolling):
+        if depth_camera != camera or np.any(T_image_depth.log()):
             register = _registration(depth_camera, camera, T_image_depth.matrix.tobytes())
             depth_m = register(np.ascontiguousarray(depth_m, np.float32))
-        if not is_beside or is_rolling:
-            return RgbdView(image, depth_m, camera, T_sphere_camera)
-        return RgbdView(image, depth_m, camera, T_sphere_camera, depth_camera, T_sphere_camera @ T_image_depth)
+        return RgbdView(instant.images[IMAGE], depth_m, camera, mount.T_sphere_body @ T_BODY_OPTICAL)
 
 
 @lru_cache(maxsize=4)

@@ -64,11 +64,11 @@ class Journal:
         self.frame: tuple[str, SE3 | None] = "", None
         self._writer: MapWriter | None = None
         self._unwritten: dict[int, Sphere] = {}
-        self._is_saved = self._has_failed = False
+        self.is_saved = self._has_failed = False  # whether all of it is in a map; it could not be written
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere, or keep it in memory where that fails."""
-        self._is_saved = False
+        self.is_saved = False
         if not self._has_failed:
             self._attempt(lambda: self._begun().add(node, sphere))
         if self._has_failed:
@@ -76,7 +76,7 @@ class Journal:
 
     def tell(self, graph: SphereGraph) -> None:
         """Write the graph as it is now."""
-        self._is_saved = False
+        self.is_saved = False
         if not self._has_failed:
             self._attempt(lambda: self._begun().tell(graph))
 
@@ -88,14 +88,10 @@ class Journal:
             raise ValueError(f"key sphere {sphere_id}: expected one that was kept, found none")
         return self._writer.load(sphere_id)
 
-    def saved(self) -> None:
-        """Take note that all of it is in a map now."""
-        self._is_saved = True
-
     def close(self, mapper: Mapper) -> None:
         """End an orderly run: what was not saved becomes a map, so that nothing is lost."""
         writer, graph = self._writer, mapper.graph
-        if (writer is None and not self._unwritten) or self._is_saved:
+        if (writer is None and not self._unwritten) or self.is_saved:
             if writer is not None:
                 writer.discard()
             return
@@ -165,7 +161,7 @@ def save(
     load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
     save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
     if journal is not None:
-        journal.saved()
+        journal.is_saved = True
     response.success, response.path, response.num_spheres = True, str(path), len(graph)
     response.message = f"{len(graph)} key spheres"
     response.num_bytes = sum(file.stat().st_size for file in path.iterdir())

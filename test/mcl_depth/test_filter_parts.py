@@ -101,8 +101,7 @@ def test_a_smaller_cache_takes_what_was_used_last_and_counts_its_hits(tmp_path):
     assert (slots >= 0).tolist() == [True, True, False, False]
     assert small.stack.scales[slots[:2]].tolist() == [3.0, 0.0]
     assert small.hit_rate == 0.5
-    small.clear()
-    assert (small.hit_rate, len(small), DepthCache(1, empty).capacity) == (0.0, 0, 1)
+    assert DepthCache(1, empty).capacity == 1
     assert small.load(tmp_path / "none") == 0
 
 
@@ -126,8 +125,7 @@ def test_what_was_set_stays_and_what_was_chosen_is_used():
 
 
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through
-    likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many,
-    likeness.correlate_codes, geometry.draw_many,
+    likeness.fill_nan, likeness.compare_headings_many, likeness.correlate_codes, geometry.draw_many,
 )  # fmt: skip
 
 

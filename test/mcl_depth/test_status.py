@@ -23,7 +23,7 @@ CAREFUL, BAD = BeliefVerdict(Verdict(Reason.ODOM_STALE)), BeliefVerdict(Verdict(
 
 def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
     covariance = np.diag([sigma_m**2, (0.5 * sigma_m) ** 2, sigma_rad**2])
-    return Hypothesis(np.zeros(3), covariance, weight, np.arange(3))
+    return Hypothesis(np.zeros(3), covariance, weight)
 
 
 def test_a_belief_is_judged():

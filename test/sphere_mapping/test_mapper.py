@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_views
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_view
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.tracking import SphereTracker
 from sphere_mapping.mapper import Mapper
@@ -145,7 +145,7 @@ def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is
         mapper, errors = Mapper(None, truth[0]), []
         for number, T_room_sphere in enumerate(truth):
             view = rgbd_view(T_room_sphere, twist * is_rolling)
-            sphere = sphere_from_views([view], number * PERIOD_NS)
+            sphere = sphere_from_view(view, number * PERIOD_NS)
             update = mapper.add(sphere, None, unroll_of(view, number * PERIOD_NS) if is_known else None)
             errors.append(truth[number].distance(update.T_map_sphere))
         found[name] = np.median(errors[4:], axis=0)
@@ -161,7 +161,7 @@ def test_the_only_key_sphere_of_a_rolling_shutter_is_stored():
     )
     mapper = Mapper(store=store)
     view = rgbd_view(SE3.identity(), np.zeros(6))
-    mapper.add(sphere_from_views([view]), None, unroll_of(view, 0))
+    mapper.add(sphere_from_view(view), None, unroll_of(view, 0))
     assert not mapper.keep_end()
     assert list(stored) == [0]
 
@@ -174,4 +174,4 @@ def rgbd_view(T_room_sphere, twist):
 
 
 def unroll_of(view, stamp_ns):
-    return lambda velocity: sphere_from_views([replace(view, twist=velocity * READOUT_S)], stamp_ns)
+    return lambda velocity: sphere_from_view(replace(view, twist=velocity * READOUT_S), stamp_ns)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.likeness import kernels
-from mcl_depth.likeness.features import GradientFeatures, options_of
+from mcl_depth.likeness.features import GradientFeatures, depth_gradients
 from mcl_depth.params import ComparisonParams
 
 HEIGHT, WIDTH, NUM_HEADINGS = 16, 72, 36
@@ -13,8 +12,7 @@ HEIGHT, WIDTH, NUM_HEADINGS = 16, 72, 36
 
 def depth_features(range_m, params):
     """The gradients of a range panorama (H, W) in m, as they are before they are coded."""
-    image = np.ascontiguousarray(range_m, np.float32)
-    return GradientFeatures(*kernels.depth_gradients(image, *options_of(params, image.shape[1])))
+    return GradientFeatures(*depth_gradients(np.asarray(range_m, np.float32), params))
 
 
 def square_room():

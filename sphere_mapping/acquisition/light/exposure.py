@@ -1,4 +1,4 @@
-"""Factors of whole images: applied, and found from the ratios of grey levels that images share."""
+"""Factors of whole images: applied, and found from ratios of grey levels that images share."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import EXPOSED, MIN_SHARED_PIXELS, STEADINESS, WHITE
+from sphere_mapping.acquisition.constants import STEADINESS, WHITE
 from sphere_nav.geometry.arrays import Array, Bytes
 
 
@@ -37,12 +36,3 @@ def log_gains(ratios: Sequence[tuple[int, int, Array]], number: int, channels: i
         values.append(-ratio[None])
     logs = np.linalg.lstsq(np.vstack(rows), np.vstack(values), rcond=None)[0]
     return logs - logs.mean(axis=0)
-
-
-def log_ratio(first: NDArray, second: NDArray) -> Array | None:
-    """Return the logarithm (channels,) of the median ratio of levels (N, channels), None where too little compares."""
-    low, high = EXPOSED
-    fits = np.all((first > low) & (first < high) & (second > low) & (second < high), axis=1)
-    if np.count_nonzero(fits) < MIN_SHARED_PIXELS:
-        return None
-    return np.median(np.log(first[fits] / second[fits]), axis=0)

@@ -15,7 +15,6 @@ from threading import Lock
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.sparse import csr_array
 
@@ -35,20 +34,21 @@ from sphere_mapping.acquisition.constants import (
     RATIO_STD,
 )
 from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
-from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
+from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, off_axis
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
 
 NUM_POWERS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class PairRatios:
-    """What two cameras say of one point each: numbers (N,) of cameras and exposures, s, log ratio and its deviation."""
+    """What two cameras say of a point: numbers of cameras and exposures, s (2, N); log ratio (N,), its deviation."""
 
-    cameras: tuple[NDArray[np.intp], NDArray[np.intp]]
-    exposures: tuple[NDArray[np.intp], NDArray[np.intp]]
-    squares: tuple[Array, Array]
+    cameras: Integers
+    exposures: Integers
+    squares: Array
     ratio: Array
     std: Array
 
@@ -75,17 +75,10 @@ class Falloff:
     def __init__(self, kinds: Sequence[object]) -> None:
         size = NUM_POWERS * len(kinds)
         self.coefficients = np.zeros((len(kinds), NUM_POWERS))
-        self._matrix, self._vector = np.eye(size) / FALLOFF_STD**2, np.zeros(size)
-        for a in range(len(kinds)):
-            for b in range(a):
-                if kinds[a] == kinds[b]:
-                    self._couple(a, b)
-
-    def _couple(self, a: int, b: int) -> None:
-        for k in range(NUM_POWERS):
-            row = np.zeros(len(self._vector))
-            row[NUM_POWERS * a + k], row[NUM_POWERS * b + k] = 1.0, -1.0
-            self._matrix += np.outer(row, row) / LIKE_STD**2
+        alike = np.array([[one == other for other in kinds] for one in kinds], np.float64)
+        apart = np.diag(alike.sum(axis=1)) - alike  # x' apart x: squared differences of lenses of one kind
+        self._matrix = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
+        self._vector = np.zeros(size)
 
     def update(self, seen: PairRatios, num_exposures: int) -> None:
         """Add what an instant says; its exposures are eliminated."""
@@ -97,13 +90,7 @@ class Falloff:
         vector = np.concatenate([self._vector, np.zeros(num_exposures)])
         low = np.concatenate([np.full(size, LEAST_COEFFICIENT), np.full(num_exposures, -np.inf)])
         high = np.concatenate([np.zeros(size), np.full(num_exposures, np.inf)])
-        values: Array = np.zeros(rows.shape[1])
-        for scale in LOSS_SCALES:
-            weight = weights(seen, rows @ values, scale)
-            weighted = rows.multiply(weight[:, None]).T
-            matrix = prior + (weighted @ rows).toarray()
-            target = vector + weighted @ seen.ratio
-            values = _solve(matrix, target, low, high)
+        matrix, target, _ = descend(rows, seen.ratio, seen.std, (prior, vector), (low, high))
         inner = np.linalg.solve(matrix[size:, size:], np.column_stack([matrix[size:, :size], target[size:]]))
         self._matrix = matrix[:size, :size] - matrix[:size, size:] @ inner[:, :-1]
         self._vector = target[:size] - matrix[:size, size:] @ inner[:, -1]
@@ -111,13 +98,10 @@ class Falloff:
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
-        rows = design(seen, num_exposures)
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
-        values: Array = np.zeros(num_exposures)
-        for scale in LOSS_SCALES:
-            weight = weights(seen, rows @ values + seen.ratio - ratio, scale)
-            matrix = np.eye(num_exposures) / EXPOSURE_STD**2 + (rows.T * weight) @ rows
-            values = np.linalg.solve(matrix, (rows.T * weight) @ ratio).astype(np.float64)
+        prior, free = np.eye(num_exposures) / EXPOSURE_STD**2, np.full(num_exposures, np.inf)
+        rows = csr_array(design(seen, num_exposures))
+        values = descend(rows, ratio, seen.std, (prior, np.zeros(num_exposures)), (-free, free))[2]
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
@@ -139,10 +123,18 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     return rows
 
 
-def weights(seen: PairRatios, expected: Array, scale: float) -> Array:
-    """Return the weight (N,) of each comparison, by Cauchy's loss."""
-    errors = (seen.ratio - expected) / seen.std
-    return 1.0 / (CORRELATED_DIRECTIONS * np.square(seen.std) * (1.0 + np.square(errors / scale)))
+def descend(
+    rows: csr_array, ratio: Array, std: Array, prior: tuple[Array, Array], bounds: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Return normal matrix and vector of ratios (N,) by rows (N, M), Cauchy's loss narrowed, and what solves them."""
+    values: Array = np.zeros(rows.shape[1])
+    for scale in LOSS_SCALES:
+        errors = (ratio - rows @ values) / std
+        weight = cauchy_weights(np.square(errors / scale)) / (CORRELATED_DIRECTIONS * np.square(std))
+        weighted = rows.multiply(weight[:, None]).T
+        matrix, vector = prior[0] + (weighted @ rows).toarray(), prior[1] + weighted @ ratio
+        values = _solve(matrix, vector, *bounds)
+    return matrix, vector, values
 
 
 def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
@@ -209,23 +201,17 @@ class Light:
     def _comparison(self, shared: Sequence[Shared]) -> PairRatios:
         """Return what all overlaps say of grey levels: the mean of the logarithms of their colours."""
         sizes = [len(pair.levels[0]) for pair in shared]
-        sides: list[list[NDArray]] = []
-        for side, attribute in enumerate(("first", "second")):
-            cameras = np.repeat([getattr(pair, attribute) for pair in shared], sizes).astype(np.intp)
-            angles = np.concatenate([pair.angles[side] for pair in shared])
-            square = np.square(angles / np.array(self._largest)[cameras])
-            levels = np.concatenate([pair.levels[side] for pair in shared])
-            sides.append([cameras, np.array(self._group)[cameras], square, np.log(levels).mean(axis=1)])
-        (first, second), (own, other), squares, logs = (tuple(part) for part in zip(*sides, strict=True))
-        std = std_of(np.exp(logs[0]), np.exp(logs[1]))
-        return PairRatios((first, second), (own, other), (squares[0], squares[1]), logs[0] - logs[1], std)
+        cameras = np.repeat(np.transpose([(pair.first, pair.second) for pair in shared]), sizes, axis=1)
+        angles = np.concatenate([pair.angles for pair in shared], axis=1)
+        logs = np.concatenate([np.log(pair.levels).mean(axis=2) for pair in shared], axis=1)
+        squares = np.square(angles / np.array(self._largest)[cameras])
+        return PairRatios(cameras, np.array(self._group)[cameras], squares, logs[0] - logs[1], std_of(*np.exp(logs)))
 
     def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))
         self._num_seen += 1
         for k, name in enumerate(self._names):
-            reach = [seen.squares[side][seen.cameras[side] == k] for side in (0, 1)]
-            largest = max((float(part.max()) for part in reach if part.size), default=0.0)
+            largest = float(seen.squares[seen.cameras == k].max(initial=0.0))
             squares = np.minimum(np.square(self._angles[k] / self._largest[k]), largest)  # beyond, nothing is known
             factor = np.exp(-falloff(self.falloff.coefficients[k], squares)).astype(np.float32)
             self._use(name, factor)
@@ -282,7 +268,7 @@ def _angles(rig_view: RigView) -> tuple[Array, float]:
     u, v = (
         ((np.arange(n) + 0.5) * whole / n - 0.5) for n, whole in zip(size, (camera.width, camera.height), strict=True)
     )
-    angle = angles_of(rig_view, np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1))
+    angle = off_axis(camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)))
     is_usable = (cv2.resize(rig_view.border, size, interpolation=cv2.INTER_NEAREST) > 0) & np.isfinite(angle)
     return np.nan_to_num(angle, nan=np.pi), float(angle[is_usable].max()) if is_usable.any() else 1.0
 

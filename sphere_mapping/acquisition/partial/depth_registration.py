@@ -69,7 +69,7 @@ class DepthRegistration:
         nearest = np.full((self._target.height, self._target.width), np.inf, np.float32)
         is_whole = isinstance(self._target, Spherical) and self._target.is_whole
         ranges = np.linalg.norm(points, axis=1).astype(np.float32)
-        splat_with_std(u, v, ranges, ranges, 0, is_whole, nearest, np.empty_like(nearest))
+        splat_with_std(u, v, ranges, ranges, 2, is_whole, nearest, np.empty_like(nearest))
         return nearest
 
     def _measure(self, inverse: Floats, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""One or several cameras with range -> a (partial) sphere: image and range in a window of the sphere.
+"""One camera with range -> a partial sphere: image and range in a window of the sphere.
 
 The image is interpolated with care, because alignment lives on grey levels; range is never mixed across a depth edge.
 A camera at the centre of the sphere is a pure resampling whose table is made once. A camera beside it is moved there
@@ -11,7 +11,6 @@ point p of the middle row is at p - s (v + omega x p) in the camera of its own r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -26,11 +25,10 @@ from sphere_mapping.acquisition.constants import (
     WITHOUT_RANGE_M,
 )
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, inverse_depth, sample_inverse
-from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.range_codec import MAX_RANGE
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, check_sphere_image, continued
@@ -78,25 +76,21 @@ def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, F
 
 @dataclass(frozen=True, eq=False)
 class RgbdView:
-    """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H', W') in metres, NaN or <= 0 unknown.
+    """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H, W) in metres, NaN or <= 0 unknown.
 
-    depth_camera and T_sphere_depth differ from the image's where depth is not registered to the image. twist (6,)
-    is the motion (v, omega) of the sphere while all rows of image and depth were read; both must be one camera's, then.
+    Depth is registered to the image. twist (6,) is the motion (v, omega) of the sphere, whose centre is the camera's,
+    while all rows were read.
     """
 
     image: Bytes
     depth_m: NDArray[np.floating]
     camera: Camera
     T_sphere_camera: SE3 = T_BODY_OPTICAL
-    depth_camera: Camera | None = None
-    T_sphere_depth: SE3 | None = None
     twist: Array | None = None
 
     def __post_init__(self) -> None:
-        if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
-            raise ValueError("rolling shutter: expected depth registered to the image, found that of another camera")
         check_sphere_image(self.image, self.camera)
-        check_depth(self.depth_m, self.depth_camera or self.camera)
+        check_depth(self.depth_m, self.camera)
 
 
 def sphere_from_rgbd(
@@ -108,73 +102,60 @@ def sphere_from_rgbd(
     params: PartialParams | None = None,
 ) -> Sphere:
     """Return the partial sphere of one RGB-D image whose depth (metres along z) is registered to its colour."""
-    return sphere_from_views([RgbdView(image, depth_m, camera, T_sphere_camera)], stamp_ns, params)
+    return sphere_from_view(RgbdView(image, depth_m, camera, T_sphere_camera), stamp_ns, params)
 
 
-def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
-    """Return the sphere of one or several RGB-D cameras at one instant."""
-    params = params or PartialParams()
-    full_width = full_width_of([view.camera for view in views], params)
-    windows = [window_of(view.camera, view.T_sphere_camera, full_width) for view in views]
-    planes = [_resample(view, window) for view, window in zip(views, windows, strict=True)]
-    if len(planes) == 1:
-        return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
-    whole = Spherical(full_width, full_width // 2)
-    patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
-    return Sphere(*join_views(patches, whole), whole, stamp_ns)
+def sphere_from_view(view: RgbdView, stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
+    """Return the partial sphere of an RGB-D camera at one instant."""
+    window = window_of(view.camera, view.T_sphere_camera, full_width_of(view.camera, params or PartialParams()))
+    return Sphere(*_resample(view, window), window, stamp_ns)
 
 
-def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
-    """Return the columns of a whole sphere as fine as the finest of the cameras, times `resolution`."""
-    if not cameras:
-        raise ValueError("sphere: expected at least one camera, found none")
-    finest = max(camera.pixels_per_radian for camera in cameras)
-    return full_width_for(finest * params.resolution)
+def full_width_of(camera: Camera, params: PartialParams) -> int:
+    """Return the columns of a whole sphere as fine as the camera, times `resolution`."""
+    return full_width_for(camera.pixels_per_radian * params.resolution)
 
 
-def _resample(view: RgbdView, window: Spherical) -> tuple[Bytes, Floats, Floats]:
-    """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
+def _resample(view: RgbdView, window: Spherical) -> tuple[Bytes, Floats]:
+    """Return image and range of a view in the window."""
     if view.twist is not None:
         return _resample_rolling(view, window, view.twist)
-    depth_camera = view.depth_camera or view.camera
-    T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
-    range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window)
-    image, weight = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
-    return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
+    range_m = resample_range(view.depth_m, view.camera, view.T_sphere_camera, window)
+    image, seen = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
+    return image, np.where(seen, range_m, np.float32(np.nan))
 
 
-def _resample_rolling(view: RgbdView, window: Spherical, twist: Array) -> tuple[Bytes, Floats, Floats]:
+def _resample_rolling(view: RgbdView, window: Spherical, twist: Array) -> tuple[Bytes, Floats]:
     """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
     camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
     inverse = inverse_depth(view.depth_m)
-    u, v, weight, z_of_ray = _ray_table(camera, rotation, window)
+    u, v, seen, z_of_ray = _ray_table(camera, rotation, window)
     near = sample_inverse(inverse, u, v) * z_of_ray
     near = continued(near, np.isfinite(near))
     rows = roll(u, v, camera, view.T_sphere_camera, window, twist, np.nan_to_num(near))
     with np.errstate(divide="ignore"):
         range_m = 1.0 / (sample_inverse(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
-    seen = (weight > 0) & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
+    seen = seen & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
     sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
-    return image, np.where(seen, _trusted(range_m), np.float32(np.nan)), np.where(seen, weight, np.float32(0.0))
+    return image, np.where(seen, _trusted(range_m), np.float32(np.nan))
 
 
 def resample_image(
     image: Bytes, camera: Camera, T_sphere_camera: SE3, window: Spherical, range_m: Floats
-) -> tuple[Bytes, Floats]:
-    """Return the image (height, width[, 3]) in the window and each pixel's distance to the image border, 0 outside."""
+) -> tuple[Bytes, Flags]:
+    """Return the image (height, width[, 3]) in the window and which of its pixels the camera sees."""
     if np.any(T_sphere_camera.translation):
         everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
         points = pixel_rays(window) * everywhere[..., None]
-        u, v, weight = _pixels_of(points, camera, T_sphere_camera)
+        u, v, seen = _pixels_of(points, camera, T_sphere_camera)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     else:
-        u, v, weight, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
+        u, v, seen, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         if steps > 1:
             sampled = cv2.resize(sampled, (window.width, window.height), interpolation=cv2.INTER_AREA)
-    seen = weight > 0
-    return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), weight
+    return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), seen
 
 
 def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Floats:
@@ -197,22 +178,16 @@ def _trusted(range_m: NDArray[np.floating]) -> Floats:
 
 def resample_nearest(values: Floats, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Floats:
     """Return values (H, W) of a camera at the centre of the sphere in the window, the nearest pixel's; NaN outside."""
-    u, v, weight, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+    u, v, seen, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
     sampled = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-    return np.where(weight > 0, sampled, np.float32(np.nan))
+    return np.where(seen, sampled, np.float32(np.nan))
 
 
-def _pixels_of(points_sphere: Array, camera: Camera, T_sphere_camera: SE3) -> tuple[Floats, Floats, Floats]:
-    """Return u, v and the distance to the image's border in pixels (0 outside) of points (H, W, 3)."""
+def _pixels_of(points_sphere: Array, camera: Camera, T_sphere_camera: SE3) -> tuple[Floats, Floats, Flags]:
+    """Return u, v of points (H, W, 3) and which of them are seen."""
     pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
-    u, v = pixels[..., 0], pixels[..., 1]
-    border = np.minimum(np.minimum(u, camera.width - 1 - u), np.minimum(v, camera.height - 1 - v)) + 0.5
-    weight = np.where(visible, np.maximum(border, 1e-3), 0.0)
-    return _float32(u), _float32(v), _float32(weight)
-
-
-def _float32(values: Array) -> Floats:
-    return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
+    u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
+    return u, v, visible
 
 
 @lru_cache(maxsize=16)
@@ -221,8 +196,8 @@ def _registration(camera: Camera, T_sphere_camera: bytes, window: Spherical) -> 
 
 
 @lru_cache(maxsize=16)
-def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return u, v, weight and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
+def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, Floats]:
+    """Return u, v, what is seen and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
     T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
     rays = pixel_rays(window)
     z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
@@ -230,10 +205,10 @@ def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floa
 
 
 @lru_cache(maxsize=16)
-def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Floats, int]:
+def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, int]:
     """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
     steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
-    _, _, weight, _ = _ray_table(camera, rotation, window)
+    _, _, seen, _ = _ray_table(camera, rotation, window)
     finer = replace(
         window,
         width=window.width * steps,
@@ -243,4 +218,4 @@ def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Fl
         offset_v=window.offset_v * steps,
     )
     u, v, _, _ = _ray_table(camera, rotation, finer)
-    return u, v, weight, steps
+    return u, v, seen, steps

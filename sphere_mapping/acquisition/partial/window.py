@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     LEVEL_RAD,
@@ -40,6 +41,13 @@ def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int) -> Spherica
     u0, v0 = int(np.floor(left / block)) * block, max(int(np.floor(top / block)) * block, 0)
     u1, v1 = int(np.ceil(right / block)) * block, min(int(np.ceil(bottom / block)) * block, full_width // 2)
     return Spherical(min(u1 - u0, full_width), v1 - v0, float(full_width), float(u0), float(v0))
+
+
+def place_in(window: Spherical, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows (h, 1) and columns (1, w) of a window in the whole sphere; columns wrap around."""
+    rows = np.arange(window.height) + int(window.offset_v)
+    columns = (np.arange(window.width) + int(window.offset_u)) % whole.width
+    return rows[:, None], columns[None, :]
 
 
 def upright_axes(T_base_body: SE3, camera: Camera) -> SE3:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASELINE_ERROR, MAX_SINE, MIN_RANGE_SHARE
-from sphere_mapping.acquisition.kernels import recenter, stretch, triangulate
+from sphere_mapping.acquisition.kernels import recenter, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout, axes_of
@@ -66,9 +66,14 @@ def correct_baseline(range_m: Floats, std_m: Floats, error: Floats, shrink: Floa
     """Change range and deviation (H, W) to those from the own centre of the camera that shows each pixel.
 
     error: of its baseline (`baseline_error`); shrink: 1 / (1 + `joined_share`). The images of both levels were joined
-    for a distance of 1 / per_m, where a wrong baseline changes nothing.
+    for a distance of 1 / per_m, where a wrong baseline changes nothing; what is far stays so.
     """
-    stretch(range_m, std_m, error, shrink, np.float32(per_m))
+    is_near = np.isfinite(range_m)
+    with np.errstate(invalid="ignore"):
+        longer = np.maximum(1 + error * np.float32(per_m) * range_m, np.float32(0.1))
+        factor = np.where(is_near, (1 + error) / longer * shrink, np.float32(1.0))
+    range_m *= factor
+    std_m *= factor
 
 
 def to_common_center(range_m: Floats, std_m: Floats, layout: Layout, per_m: float) -> tuple[Floats, Floats]:

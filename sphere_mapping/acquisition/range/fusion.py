@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CLOUD_STD_M, CONTRADICTION, MIN_KNOWN, PATCH_PX
+from sphere_mapping.acquisition.constants import (
+    AGREEMENT_SIGMAS,
+    CLOUD_STD_M,
+    CONTRADICTION,
+    MIN_KNOWN,
+    PATCH_PX,
+    STEEP,
+)
 from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
+from sphere_mapping.acquisition.partial.partial_sphere import resample_range
+from sphere_mapping.acquisition.partial.window import place_in, window_of
 from sphere_mapping.acquisition.range.levels import around
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Flags, Floats
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Ranged = tuple[Floats, Floats]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
-
-
-@dataclass(frozen=True, eq=False)
-class StereoRange:
-    """What the images of a rig say about range: what is measured, and the bottom sphere of a vertical rig."""
-
-    measured: list[Ranged] = field(default_factory=list)
-    bottom: Bytes | None = None
 
 
 def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
@@ -94,8 +94,13 @@ def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical) -> R
     """Return the range of points (N, 3) in the sphere's frame; the nearest hides the others."""
     points = np.asarray(points_sphere, dtype=np.float64)
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
-    stds = np.full(len(points), CLOUD_STD_M, np.float32)
-    return splat(points, stds, whole, PATCH_PX)
+    nearest = np.full((whole.height, whole.width), np.inf, np.float32)
+    std_m = np.full(nearest.shape, np.nan, np.float32)
+    u, v = (np.ascontiguousarray(values, dtype=np.float32) for values in whole.project(points)[0].reshape(-1, 2).T)
+    ranges = np.linalg.norm(points, axis=-1).astype(np.float32)
+    splat_with_std(u, v, ranges, np.full_like(ranges, CLOUD_STD_M), PATCH_PX, True, nearest, std_m)
+    nearest[np.isinf(nearest)] = np.nan
+    return nearest, std_m
 
 
 def range_from_depth(
@@ -103,27 +108,14 @@ def range_from_depth(
 ) -> Ranged:
     """Return the range that an RGB-D camera gives the sphere; depth_m (h, w) along its axis, NaN where unknown.
 
-    Every pixel covers as much of the sphere as its angle does. The deviation grows with the square of the depth, as
-    that of triangulation does.
+    The deviation grows with the square of the depth, as that of triangulation does.
     """
-    known = (depth_m > 0) & (depth_m <= params.max_depth_m)
-    rays = rig_view.camera.unproject(pixel_grid(rig_view.camera)[known])
-    ahead = np.asarray(depth_m, dtype=np.float64)[known]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        along = np.where(rays[:, 2] > 0.05, 1.0 / rays[:, 2], np.nan)  # of the ray, by unit of depth
-    stds = (params.depth_std_m * ahead * ahead * along).astype(np.float32)
-    points = rig_view.T_sphere_camera.apply(rays * (ahead * along)[:, None])
-    fits = np.isfinite(points).all(axis=1)
-    finer = whole.pixels_per_radian / rig_view.camera.pixels_per_radian
-    return splat(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
-
-
-def splat(points: Array, stds: Floats, whole: Spherical, half_px: int = 0) -> Ranged:
-    """Return the nearest range at each pixel of a sphere, of points (N, 3) in its frame."""
-    nearest = np.full((whole.height, whole.width), np.inf, np.float32)
-    nearest_std = np.full(nearest.shape, np.nan, np.float32)
-    u, v = (np.ascontiguousarray(values, dtype=np.float32) for values in whole.project(points)[0].reshape(-1, 2).T)
-    ranges = np.linalg.norm(points, axis=-1).astype(np.float32)
-    splat_with_std(u, v, ranges, stds, half_px, True, nearest, nearest_std)
-    nearest[np.isinf(nearest)] = np.nan
-    return nearest, nearest_std
+    camera, T = rig_view.camera, rig_view.T_sphere_camera
+    window = window_of(camera, T, whole.width)
+    part = resample_range(np.where(depth_m <= params.max_depth_m, depth_m, np.nan), camera, T, window)
+    ahead = T.inverse().apply(pixel_rays(window) * part[..., None])[..., 2]
+    part[ahead < STEEP * part] = np.nan  # depth along the axis says little there
+    std = params.depth_std_m * ahead * part
+    range_m, std_m = (np.full((whole.height, whole.width), np.nan, np.float32) for _ in range(2))
+    range_m[place_in(window, whole)], std_m[place_in(window, whole)] = part, std
+    return range_m, std_m

@@ -22,12 +22,12 @@ from sphere_mapping.acquisition.constants import (
     OTHER_DISTORTIONS,
     OTHER_LENS,
     RAY_GRID,
-    VIEW_GRID,
 )
-from sphere_mapping.acquisition.range.rectification import Matches, pair_descriptors
-from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera
+from sphere_mapping.acquisition.range.rectification import Matches, pair_descriptors, rays_of
+from sphere_mapping.acquisition.range.semi_global import shrink
+from sphere_mapping.acquisition.range.sweep_tables import shared_view
+from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
-from sphere_nav.geometry.cameras.camera import pixel_rays
 
 MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"pinhole": Pinhole, "fisheye": Fisheye}  # that images may have
 
@@ -67,15 +67,10 @@ class LensEvidence:
     lens: str = ""
 
     @property
-    def is_enough(self) -> bool:
-        """Whether there are features enough to say anything."""
-        return self.num >= MIN_LENS_MATCHES
-
-    @property
     def reason(self) -> str:
         """What the images are of, if not of what the rig file says; empty: of that, or nobody knows."""
         (share, factor), (many, least) = OTHER_LENS, OTHER_CAMERAS
-        if self.is_enough and self.other > share and self.other > factor * self.given:
+        if self.other > share and self.other > factor * self.given:
             return (
                 f"a {self.lens}: {self.other:.0%} of {self.num} common features fit it, {self.given:.0%} the rig file"
             )
@@ -98,7 +93,12 @@ def check_lenses(rig: Rig, images: Mapping[str, Bytes]) -> None:
 def weigh_lenses(rig: Rig, images: Mapping[str, Bytes]) -> LensEvidence:
     """Return what the grey images (h, w) share, and whether the rig file or another lens explains it."""
     others = _other_lenses(rig)
-    pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
+    rigs = (rig, *others.values())
+    pairs = [
+        (a, b)
+        for a, b in combinations(images, 2)
+        if any(shared_view(one.camera(a), one.camera(b)) >= MIN_SHARED_VIEW for one in rigs)
+    ]
     matches = _match_all(images, pairs)
     num = sum(len(one.pixels_first) for one in matches)
     if num < MIN_LENS_MATCHES:
@@ -124,14 +124,6 @@ def _read_as(camera: Camera, model: type[Pinhole] | type[Fisheye], k1: float) ->
     return model(camera.width, camera.height, fx, fy, cx, cy, (k1, 0.0, 0.0, 0.0))
 
 
-def _is_shared(rig: Rig, first: str, second: str) -> bool:
-    """Return whether two cameras see enough of the same directions."""
-    rays = pixel_rays(VIEW_GRID)
-    weight = np.hypot(rays[..., 0], rays[..., 1])
-    seen = [rig.camera(name).camera.project(rays @ rig.camera(name).T_rig_camera.rotation) for name in (first, second)]
-    return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED_VIEW * float(weight.sum())
-
-
 def _match_all(images: Mapping[str, Bytes], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[Matches]:
     found = {name: _features(image) for name, image in images.items()}
     matches = []
@@ -142,9 +134,7 @@ def _match_all(images: Mapping[str, Bytes], pairs_of_cameras: Sequence[tuple[str
 
 
 def _features(image: Bytes) -> tuple[Array, Floats]:
-    factor = max(max(image.shape) / LENS_SIDE, 1.0)
-    size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    small, factor = shrink(image, LENS_SIDE)
     points, descriptors = cv2.SIFT_create(LENS_FEATURES).detectAndCompute(small, None)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
@@ -154,16 +144,10 @@ def _features(image: Bytes) -> tuple[Array, Floats]:
 
 def _share_that_fits(rig: Rig, matches: list[Matches]) -> float:
     """Return the share of all matches that two cameras may see so, of a point at some range."""
-    fits = [
-        _fits(rig.camera(one.first), rig.camera(one.second), one.pixels_first, one.pixels_second) for one in matches
-    ]
-    return float(np.mean(np.concatenate(fits)))
+    return float(np.mean(np.concatenate([_fits(*rays_of(rig, one)) for one in matches])))
 
 
-def _fits(first: RigCamera, second: RigCamera, a: Array, b: Array) -> Flags:
-    x = first.camera.unproject(a) @ first.T_rig_camera.rotation.T
-    y = second.camera.unproject(b) @ second.T_rig_camera.rotation.T
-    along = second.T_rig_camera.translation - first.T_rig_camera.translation
+def _fits(x: Array, y: Array, along: Array) -> Flags:
     seen = x - CLOSENESS[:, None, None] * along  # (K, N, 3), the point by its range, for ranges from far to nearest
     seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     nearest = np.max(np.sum(seen * y, axis=-1), axis=0)

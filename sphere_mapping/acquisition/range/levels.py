@@ -21,7 +21,7 @@ from sphere_mapping.acquisition.constants import (
     UNKNOWN_PX,
     UNKNOWN_SIDE,
 )
-from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike, smooth
+from sphere_mapping.acquisition.kernels import smooth
 from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 
 
@@ -33,23 +33,16 @@ def around(plane: NDArray[Any], margin: int, *, is_whole: bool) -> NDArray[Any]:
 
 def smooth_around(values: Floats, radius: int, *, is_whole: bool) -> Floats:
     """Return the mean of what differs little over 2 radius + 1 rows and columns: without the stairs of whole pixels."""
-    padded = around(values, 2 * radius, is_whole=is_whole)
-    out = np.empty_like(padded)
-    smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
-    return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])
+    smoothed: Floats = smooth(around(values, 2 * radius, is_whole=is_whole), radius, *SMOOTH)
+    return np.ascontiguousarray(smoothed[:, 2 * radius : -2 * radius])
 
 
-def halve_image(image: Bytes, is_whole: bool) -> Bytes:
-    """Return the image at half its size."""
+def halve_image(image: NDArray[Any], is_whole: bool) -> NDArray[Any]:
+    """Return the image (H, W) at half its size."""
     height, width = image.shape
     half = cv2.pyrDown(around(image, 4, is_whole=is_whole))[: height // 2, 2 : 2 + width // 2]
     # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
     return np.ascontiguousarray(half)
-
-
-def double(disparity: Floats) -> Floats:
-    """Return a disparity at twice the size, every pixel four times."""
-    return 2 * twice(disparity)
 
 
 def interpolate(disparity: Floats, is_whole: bool) -> Floats:
@@ -125,18 +118,35 @@ def is_borrowed(top: Bytes, bottom: Bytes, disparity: Floats, *, is_whole: bool)
     the range of what is beside them. Of the pixels that are as bright as the middle one, their steps along the columns
     are those of noise, which both images do not share. What is only a few px wide is not told: halving blurs it.
     """
-    margin = OWN_RADIUS
-    products = np.empty((3, top.shape[0], top.shape[1] + 2 * margin), np.float32)
-    compare_steps(top, bottom, disparity, margin, is_whole, products)
-    levels = around(top.astype(np.float32), margin, is_whole=is_whole)
-    likeness = np.empty(top.shape, np.float32)
-    correlate_alike(levels, products, margin, np.float32(OWN_LEVELS), np.float32(OWN_FLOOR), likeness)
+    margin, (height, width) = OWN_RADIUS, top.shape
+    v, u = np.meshgrid(*(np.arange(side, dtype=np.float32) for side in top.shape), indexing="ij")
+    here, there = _steady_steps(top, u, v), _steady_steps(bottom, u, v - np.nan_to_num(disparity, nan=UNKNOWN_PX))
+    here[np.isnan(disparity)] = 0.0
+    beyond = ((margin, margin), (0, 0), (0, 0))
+    products = np.pad(around(np.dstack([here * here, there * there, here * there]), margin, is_whole=is_whole), beyond)
+    levels, sums = np.pad(around(top, margin, is_whole=is_whole), beyond[:2]), np.zeros((*top.shape, 3), np.float32)
+    for row, column in np.ndindex(2 * margin + 1, 2 * margin + 1):
+        beside = np.s_[row : row + height, column : column + width]
+        is_alike = cv2.compare(cv2.absdiff(levels[beside], top), OWN_LEVELS, cv2.CMP_LE)
+        cv2.accumulate(products[beside], sums, is_alike)
+    likeness = sums[..., 2] / np.sqrt(sums[..., 0] * sums[..., 1] + np.float32(OWN_FLOOR))
     unlike = (~np.isnan(disparity) & ~(likeness >= MIN_OWN_LIKENESS)).astype(np.uint8)
     reach = 2 * (BORROWED_PX + AROUND_BORROWED)
     wide = around(unlike, reach, is_whole=is_whole)
     opened = cv2.morphologyEx(wide, cv2.MORPH_OPEN, np.ones((BORROWED_PX, BORROWED_PX), np.uint8))
     near = cv2.dilate(opened, np.ones((2 * AROUND_BORROWED + 1, 2 * AROUND_BORROWED + 1), np.uint8))
     return (unlike | near[:, reach:-reach]) > 0
+
+
+def _steady_steps(image: Bytes, u: Floats, v: Floats) -> Floats:
+    """Return the smaller of the steps down to pixels u, v (H, W) and on from there, 0 where they turn.
+
+    Beside an edge it is that of the surface itself.
+    """
+    steps = np.diff(image.astype(np.float32), axis=0, prepend=image[:1])
+    before, after = (cv2.remap(steps, u, at, cv2.INTER_LINEAR) for at in (v, v + 1))
+    least = np.copysign(np.minimum(np.abs(before), np.abs(after)), before)
+    return np.where(before * after > 0, least, np.float32(0.0))
 
 
 def twice(plane: Floats) -> NDArray[Any]:

@@ -29,7 +29,6 @@ from sphere_mapping.acquisition.constants import (
     MIN_BLOCK_SHARE,
     MIN_SIDE,
     NUM_SCALES,
-    NUM_STRIPS,
     REFINE_RADIUS,
     REFINE_STEPS,
     SMOOTH,
@@ -40,7 +39,6 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
     align_along_columns,
-    settle,
     smooth,
 )
 from sphere_mapping.acquisition.params import MatchParams
@@ -48,7 +46,6 @@ from sphere_mapping.acquisition.range.levels import (
     around,
     at_jumps,
     at_unknown,
-    double,
     fit,
     halve_image,
     interpolate,
@@ -57,7 +54,7 @@ from sphere_mapping.acquisition.range.levels import (
     twice,
     usable_at,
 )
-from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_threads
+from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_strips
 from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 
 Pair = tuple[Bytes, Bytes]  # of a level: upper, lower
@@ -102,14 +99,16 @@ def match_columns(
         shape = levels[k][0].shape
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
         if k >= halvings:
-            matched = _match_level(levels[k], _first_at(search, k), matched, search, jobs)
+            matched = _match_level(levels[k], int(np.floor(search.first_px / 2**k)), matched, search, jobs)
             start = _keep_sure(matched, search)
         else:
             assert coarser is not None
             start = _start_again(start, coarser.value)
         start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
-        own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
+        noise = max(params.noise / 2**k, min(params.noise, LEAST_NOISE))  # halving an image averages four pixels
+        own_params = replace(params, noise=noise)
+        own = refine(*levels[k], start, own_params, num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
             is_unknown = np.isnan(own.value)
             own.value[is_unknown], own.std[is_unknown] = coarser.value[is_unknown], coarser.std[is_unknown]
@@ -135,10 +134,13 @@ def _without_borrowed(found: Disparity, half: Pair, is_whole: bool) -> Disparity
 def _levels_of(top: Bytes, bottom: Bytes, search: Search, halvings: int) -> list[Pair]:
     """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
     levels = [(top, bottom)]
-    while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
-        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
-    while len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE:
-        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
+    while (
+        len(levels) <= halvings
+        or not _is_reached(search, len(levels) - 1, levels[-1][0])
+        or (len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE)
+    ):
+        top, bottom = (halve_image(image, search.is_whole) for image in levels[-1])
+        levels.append((top, bottom))
     return levels
 
 
@@ -147,7 +149,7 @@ def _match_level(pair: Pair, first: int, coarser: Floats | None, search: Search,
     own = find_clear_matches(*pair, first, is_whole=search.is_whole, jobs=jobs)
     if coarser is None:
         return own
-    nearer = fit(double(coarser), own.shape)
+    nearer = fit(2 * twice(coarser), own.shape)
     return np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
 
 
@@ -157,12 +159,8 @@ def _interpolate(found: Disparity, shape: tuple[int, ...], is_whole: bool) -> Di
 
 def _start_again(matched: Floats, aligned: Floats) -> Floats:
     """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
-    match = fit(double(matched), aligned.shape)
+    match = fit(2 * twice(matched), aligned.shape)
     return np.where(np.abs(aligned - match) <= np.float32(2 * MAX_REFINEMENT), aligned, match)
-
-
-def _first_at(search: Search, level: int) -> int:
-    return int(np.floor(search.first_px / 2**level))
 
 
 def _keep_sure(matched: Floats, search: Search) -> Floats:
@@ -171,11 +169,6 @@ def _keep_sure(matched: Floats, search: Search) -> Floats:
     near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
-
-
-def _params_at(params: MatchParams, level: int) -> MatchParams:
-    """Return the noise that a level has: halving an image averages four pixels."""
-    return replace(params, noise=max(params.noise / 2**level, min(params.noise, LEAST_NOISE)))
 
 
 def _is_reached(search: Search, halvings: int, image: Bytes) -> bool:
@@ -195,16 +188,13 @@ def refine(
     """
     margin = REFINE_RADIUS * (2 * num_steps + 1)  # columns whose disparity a strip's own ones see
     planes = [around(plane, margin, is_whole=is_whole) for plane in (top, bottom, coarse)]
-    width = coarse.shape[1]
-    length = -(-width // NUM_STRIPS)
     value, std = np.empty_like(coarse), np.empty_like(coarse)
 
-    def work(begin: int) -> None:
-        wide, own = slice(begin, min(begin + length, width) + 2 * margin), slice(begin, begin + length)
-        above, below, start = (np.ascontiguousarray(plane[:, wide]) for plane in planes)
-        _refine_strip(above, below, start, (margin, num_steps), params, value[:, own], std[:, own])
+    def work(begin: int, end: int) -> None:
+        above, below, start = (np.ascontiguousarray(plane[:, begin : end + 2 * margin]) for plane in planes)
+        _refine_strip(above, below, start, (margin, num_steps), params, value[:, begin:end], std[:, begin:end])
 
-    in_threads(work, range(0, width, length), jobs)
+    in_strips(work, coarse.shape[1], jobs)
     return Disparity(value, std)
 
 
@@ -213,16 +203,21 @@ def _refine_strip(
 ) -> None:
     """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
     (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
-    start, spare = _smooth(start, np.empty_like(start)), np.empty_like(start)
+    start = smooth(start, REFINE_RADIUS, *SMOOTH)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
     limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
     for _ in range(num_steps):
         align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
-        refined = _smooth(refined, spare)
+        refined = smooth(refined, REFINE_RADIUS, *SMOOTH)
     inner = slice(margin, margin + value.shape[1])
-    planes = [plane[:, inner] for plane in (refined, start, information, left)]
-    trust = np.array([MAX_REFINEMENT, MAX_RESIDUAL, STD_FACTOR**2, params.calibration_px**2], np.float32)
-    settle(*planes, _squared_slopes(top)[:, :, inner], trust, value, std)
+    refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
+    across, along = _squared_slopes(top)[:, :, inner]
+    is_good = (np.abs(refined - start) <= MAX_REFINEMENT) & (left <= MAX_RESIDUAL) & (information > 0)
+    # calibration leaves as much across as along: on a line nearly along the column it becomes disparity
+    left_over = np.float32(params.calibration_px**2) * (1 + across / np.maximum(along, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = np.sqrt(np.float32(STD_FACTOR**2) / information + left_over)
+    value[:], std[:] = (np.where(is_good, plane, np.float32(np.nan)) for plane in (refined, sigma))
 
 
 def _squared_slopes(image: Bytes) -> Floats:
@@ -232,9 +227,3 @@ def _squared_slopes(image: Bytes) -> Floats:
     for axis, plane in zip(((1, 0), (0, 1)), slopes, strict=True):
         cv2.sqrBoxFilter(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3), cv2.CV_32F, side, plane)
     return slopes
-
-
-def _smooth(disparity: Floats, spare: Floats) -> Floats:
-    out = np.empty_like(disparity)
-    smooth(disparity, REFINE_RADIUS, SMOOTH[0], SMOOTH[1], spare, out)
-    return out

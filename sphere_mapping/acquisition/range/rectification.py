@@ -63,16 +63,15 @@ def correct(rig: Rig, values: Array) -> Rig:
 
 def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
     """Return the signed angle (M,) in rad of all matches off their epipolar planes; smaller near the baseline."""
-    found = [_off_plane(*_rays(rig, match)) for match in matches]
+    found = [_off_plane(*rays_of(rig, match)) for match in matches]
     return np.nan_to_num(np.concatenate([np.zeros(0), *found]))
 
 
 def match_angles(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
     """Return the angles (M,) by the scale, of all matches off their planes and of those with range off their place."""
-    found = [_off_plane(*_rays(rig, match)) for match in matches]
     ranged = [(match, match.range_first) for match in matches if match.range_first is not None]
-    found += [_off_range(range_m, scale, *_rays(rig, match)) for match, range_m in ranged]
-    return np.nan_to_num(np.concatenate(found)) / scale
+    found = [_off_range(range_m, scale, *rays_of(rig, match)) for match, range_m in ranged]
+    return np.concatenate([epipolar_errors(rig, matches), np.nan_to_num(np.concatenate([np.zeros(0), *found]))]) / scale
 
 
 def _off_plane(x: Array, y: Array, along: Array) -> Array:
@@ -94,7 +93,7 @@ def _off_range(range_m: Array, scale: float, x: Array, y: Array, along: Array) -
     return np.sum(np.cross(normal, seen) * y, axis=1) / np.hypot(1.0, RANGE_SHARE * parallax / scale)
 
 
-def _rays(rig: Rig, match: Matches) -> tuple[Array, Array, Array]:
+def rays_of(rig: Rig, match: Matches) -> tuple[Array, Array, Array]:
     """Return the rays (N, 3) of both cameras and their baseline (3,) in the frame of the rig."""
     first, second = rig.camera(match.first), rig.camera(match.second)
     x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import TypeVar
 
 import cv2
@@ -41,6 +42,12 @@ def in_threads(work: Callable[[Item], Answer], items: Iterable[Item], jobs: int)
     return list(map(work, items) if jobs == 1 else _pool(jobs).map(work, items))
 
 
+def in_strips(work: Callable[[int, int], Answer], size: int, jobs: int, number: int = NUM_STRIPS) -> list[Answer]:
+    """Return the answers for strips of so many rows or columns: the first, and that beyond the last."""
+    edges = np.linspace(0, size, number + 1).astype(int).tolist()
+    return in_threads(lambda ends: work(*ends), pairwise(edges), jobs)
+
+
 def find_clear_matches(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool, jobs: int = 1) -> Floats:
     """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
     found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
@@ -59,13 +66,12 @@ def compare_costs(top: Bytes, bottom: Bytes, disparity: Floats, first: int, *, i
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
     start = np.ascontiguousarray(disparity.T)
     ratio = np.empty_like(start)
-    length = -(-top.shape[1] // NUM_STRIPS)
 
-    def work(begin: int) -> None:
-        wide, own = slice(begin, min(begin + length, top.shape[1]) + 2 * margin), slice(begin, begin + length)
-        cost_ratios(above[wide], least[wide], largest[wide], start[own], first, margin, ratio[own])
+    def work(begin: int, end: int) -> None:
+        wide = slice(begin, end + 2 * margin)
+        cost_ratios(above[wide], least[wide], largest[wide], start[begin:end], first, margin, ratio[begin:end])
 
-    in_threads(work, range(0, top.shape[1], length), jobs)
+    in_strips(work, top.shape[1], jobs)
     return ratio.T
 
 
@@ -77,12 +83,12 @@ def match_semi_globally(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool
     around, number = (SEAM_COLUMNS, NUM_STRIPS) if is_whole else (0, 1)
     padded = [cv2.copyMakeBorder(image, around, around, 0, 0, border) for image in across]
     padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
-    length, last = -(-across[0].shape[0] // number), across[0].shape[0]
-    strips = [slice(k * length, min((k + 1) * length, last) + 2 * around) for k in range(number)]
-    found = in_threads(
-        lambda strip: _matcher(first, is_whole).compute(padded[0][strip], padded[1][strip]), strips, jobs
-    )
-    raw = np.concatenate([part[around : len(part) - around] for part in found])
+
+    def work(begin: int, end: int) -> NDArray[np.int16]:
+        strip = [image[begin : end + 2 * around] for image in padded]
+        return np.asarray(_matcher(first, is_whole).compute(*strip)[around : around + end - begin], np.int16)
+
+    raw = np.concatenate(in_strips(work, len(across[0]), jobs, number))
     raw = raw[:, max(margin, 0) :][:, : across[0].shape[1]]
     scale = cv2.StereoMatcher_DISP_SCALE
     disparity = raw.astype(np.float32) / np.float32(scale)
@@ -115,8 +121,9 @@ def check_order(top: Bytes, bottom: Bytes, names: tuple[str, str], *, is_whole: 
 
     Disparities below one pixel of the shrunk images count for neither order: far scenes are no evidence.
     """
-    small = [_shrink(image) for image in (top, bottom)]
-    given, exchanged = (_share_matched(a, b, is_whole) for a, b in (small, small[::-1]))
+    small = [shrink(image, ORDER_COLUMNS)[0] for image in (top, bottom)]
+    found = [find_clear_matches(a, b, 0, is_whole=is_whole) for a, b in (small, small[::-1])]
+    given, exchanged = (float(np.mean(np.nan_to_num(one, nan=0.0) > 1.0)) for one in found)
     least, factor = EXCHANGED
     if exchanged > least and exchanged > factor * given:
         first, second = names
@@ -126,12 +133,8 @@ def check_order(top: Bytes, bottom: Bytes, names: tuple[str, str], *, is_whole: 
         )
 
 
-def _share_matched(top: Bytes, bottom: Bytes, is_whole: bool) -> float:
-    found = find_clear_matches(top, bottom, 0, is_whole=is_whole)
-    return float(np.mean(np.nan_to_num(found, nan=0.0) > 1.0))
-
-
-def _shrink(image: Bytes) -> Bytes:
-    factor = max(max(image.shape) / ORDER_COLUMNS, 1.0)
+def shrink(image: Bytes, longest: int) -> tuple[Bytes, float]:
+    """Return a grey image whose longer side has so many pixels at most, and by what factor it was longer."""
+    factor = max(max(image.shape) / longest, 1.0)
     size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8), factor

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -36,7 +35,6 @@ from sphere_mapping.acquisition.constants import (
     MIN_SAMPLED_SHARE,
     MIN_SWEEP_MARGIN,
     MISALIGNED,
-    NUM_STRIPS,
     REFINE_RADIUS,
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
@@ -49,7 +47,7 @@ from sphere_mapping.acquisition.constants import (
     SWEEP_STEP_PX,
 )
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange
+from sphere_mapping.acquisition.range.fusion import Ranged
 from sphere_mapping.acquisition.range.kernels import (
     NUM_HYPOTHESES,
     SCALE,
@@ -61,7 +59,7 @@ from sphere_mapping.acquisition.range.kernels import (
     sweep,
 )
 from sphere_mapping.acquisition.range.levels import around, at_unknown, is_unlike, smooth_around, spread_around, twice
-from sphere_mapping.acquisition.range.semi_global import in_threads
+from sphere_mapping.acquisition.range.semi_global import in_strips, in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
     hypotheses_of,
@@ -97,7 +95,7 @@ class SphereSweep:
     def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
         self._params, self._jobs = params, jobs
         self._views = list(layouts.views.values())
-        self.warning = why_no_range(layouts.rig, layouts.views)
+        self.warning = why_no_range(layouts.rig)
         if self.warning:
             return
         num_halvings = max(int(np.ceil(np.log2(layouts.whole.width / MAX_SWEEP_WIDTH))), 0)
@@ -110,13 +108,16 @@ class SphereSweep:
         centers = np.stack([pose.rotation.T @ pose.translation for pose in poses]).astype(np.float32)
         self._lens = (rotations, centers, *lens_tables(self._views))
         self._stretch = sharpness(self._views, wholes[-1])
-        self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(self._find_sight)
+        names = [view.name for view in self._views]
+        self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(
+            lambda present: sight_of(self._stretch, np.isin(names, present), self._levels)
+        )
         self._spare: list[Volumes] = []  # volumes are kept: new memory costs as much as the sums
 
-    def find(self, grays: Mapping[str, Bytes]) -> StereoRange:
+    def find(self, grays: Mapping[str, Bytes]) -> list[Ranged]:
         """Return the range from the grey images of one instant, by camera."""
         if self.warning or len(grays) < 2:
-            return StereoRange()
+            return []
         sight = self._kept(tuple(view.name for view in self._views if view.name in grays))
         levels, matched = self._levels_of(grays)
         inverse = self._match(matched, sight)
@@ -125,7 +126,7 @@ class SphereSweep:
             if k < len(self._levels) - 1:
                 inverse = _double(inverse)
             inverse, std = self._refine(k, levels[k], inverse, sight)
-        return StereoRange([self._range_of(inverse, std)])
+        return [self._range_of(inverse, std)]
 
     def _levels_of(self, grays: Mapping[str, Bytes]) -> tuple[list[Levels], Levels]:
         """Return the levels of all cameras in one buffer for each level of the sphere; and those to be matched."""
@@ -153,7 +154,7 @@ class SphereSweep:
         level, shape = self._levels[-1], sight.numbers.shape
         volumes = self._take_volumes(shape)
         tables = (self._table, GRID_STEP, images, level.starts, level.sizes, sight.cameras, sight.numbers)
-        in_threads(lambda rows: sweep(*tables, *rows, volumes.cost), _strips(shape[0]), self._jobs)
+        in_strips(lambda *rows: sweep(*tables, *rows, volumes.cost), shape[0], self._jobs)
         sum_blocks(volumes.cost, SWEEP_RADIUS, volumes.block)
         sum_blocks(volumes.cost, COST_RADIUS, volumes.wide)
         volumes.total[:] = 0
@@ -196,7 +197,7 @@ class SphereSweep:
         limits, pictures = np.array([*own, MISALIGNED], np.float32), (images, level.starts, level.sizes, level.scales)
         given = (*before, level.directions, pictures, self._lens, sight.runs[k], sight.first_runs[k])
         numbers = (REFINE_RADIUS, every, limits)
-        in_threads(lambda rows: align(*given, *numbers, rows, out, *rest), _strips(len(out)), self._jobs)
+        in_strips(lambda *rows: align(*given, *numbers, rows, out, *rest), len(out), self._jobs)
         return out
 
     def _range_of(self, inverse: Floats, std: Floats) -> Ranged:
@@ -212,22 +213,12 @@ class SphereSweep:
         range_m[is_far] = np.inf
         return range_m, std_m
 
-    def _find_sight(self, present: Sequence[str]) -> CameraSight:
-        is_present = np.array([view.name in present for view in self._views])
-        return sight_of(self._stretch, is_present, self._levels)
-
     def _take_volumes(self, shape: tuple[int, ...]) -> Volumes:
         try:
             return self._spare.pop()  # threads may stitch at the same time
         except IndexError:
             kinds = (np.uint8, np.int16, np.int16, np.int16)
             return Volumes(*(np.empty((*shape, NUM_HYPOTHESES), kind) for kind in kinds))
-
-
-def _strips(height: int) -> list[tuple[int, int]]:
-    """Return the first row, and that beyond the last, of NUM_STRIPS strips; results do not depend on them."""
-    edges = np.linspace(0, height, NUM_STRIPS + 1).astype(int)
-    return [(int(first), int(last)) for first, last in pairwise(edges)]
 
 
 def _double(inverse: Floats) -> Floats:

@@ -29,7 +29,7 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.range.kernels import NUM_HYPOTHESES
 from sphere_mapping.acquisition.stitching.views import RigView, axes_of
-from sphere_nav.geometry import Rig, Spherical
+from sphere_nav.geometry import Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -160,14 +160,14 @@ def sight_of(stretch: Floats, is_present: Flags, levels: Sequence[SweepLevel]) -
     return CameraSight(cameras, numbers.astype(np.int8), tuple(run[0] for run in runs), tuple(run[1] for run in runs))
 
 
-def why_no_range(rig: Rig, rig_views: dict[str, RigView]) -> str:
+def why_no_range(rig: Rig) -> str:
     """Return why no two cameras measure range: the pair that comes nearest, and what it lacks; empty: some do."""
     if len(rig.cameras) < 2:
         return f"rig {rig.name}: no range from stereo: expected two cameras, found {len(rig.cameras)}"
     shares, apart = {}, {}
     for a, b in combinations(rig.cameras, 2):
         apart[a.name, b.name] = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
-        shares[a.name, b.name] = shared_view(rig_views[a.name], rig_views[b.name])
+        shares[a.name, b.name] = shared_view(a, b)
         if apart[a.name, b.name] >= MIN_BASELINE_M["side"] and shares[a.name, b.name] >= MIN_SHARED_VIEW:
             return ""
     best = max(shares, key=lambda names: shares[names])
@@ -178,12 +178,12 @@ def why_no_range(rig: Rig, rig_views: dict[str, RigView]) -> str:
     return f"rig {rig.name}: no range from stereo: expected {lack}"
 
 
-def shared_view(a: RigView, b: RigView) -> float:
-    """Return the share of all directions that both cameras see."""
+def shared_view(a: RigCamera, b: RigCamera) -> float:
+    """Return the share of all directions that both cameras see, masks or not."""
     rays = pixel_rays(VIEW_GRID)
     weight = np.hypot(rays[..., 0], rays[..., 1])  # columns are narrower towards the poles
-    both = (a.project(rays * VERY_FAR_M)[2] > 0) & (b.project(rays * VERY_FAR_M)[2] > 0)
-    return float(weight[both].sum() / weight.sum())
+    one, other = (part.camera.project(rays @ part.T_rig_camera.rotation)[1] for part in (a, b))
+    return float(weight[one & other].sum() / weight.sum())
 
 
 def _seen_from(view: RigView, rays: Array, inverse: float) -> Array:

@@ -152,8 +152,8 @@ class SphereStitcher(ManagedNode):
 
     def stitch(self, instant: RigInstant) -> None:
         """Make the sphere of an instant and publish it."""
-        stitched = self.stitcher.stitch(instant.images, instant.sync.stamp_ns, instant.points, instant.depths)
-        self.publish(stitched.sphere)
+        sphere = self.stitcher.stitch(instant.images, instant.sync.stamp_ns, instant.points, instant.depths)
+        self.publish(sphere)
         self.report("stitching", OK, "stitching")
 
     def publish(self, sphere: Sphere) -> None:

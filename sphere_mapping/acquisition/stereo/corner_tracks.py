@@ -47,9 +47,8 @@ def sample_bilinear(spline: Floats, pixels: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """N patches of M pixels: pixels (N, 2) of their middles, grey levels (N, M) and their slopes (N, M, 2) by u, v."""
+    """N patches of M pixels: grey levels (N, M) and their slopes (N, M, 2) by u, v."""
 
-    pixels: Array
     levels: Array
     slopes: Array
 
@@ -61,7 +60,7 @@ def cut_patches(spline: Floats, pixels: Array) -> Patches:
     wide: Array = sample_bilinear(spline, pixels[:, None, None] + grid)
     inner = (slice(None), slice(1, -1), slice(1, -1))
     slopes = np.stack([np.asarray(np.gradient(wide, axis=axis))[inner] for axis in (2, 1)], axis=-1)
-    return Patches(pixels, wide[inner].reshape(len(pixels), -1), slopes.reshape(len(pixels), -1, 2))
+    return Patches(wide[inner].reshape(len(pixels), -1), slopes.reshape(len(pixels), -1, 2))
 
 
 def warps_of(camera: Pinhole, pixels: Array, inverse: Array, slopes: Array, T_other_this: SE3) -> tuple[Array, Array]:

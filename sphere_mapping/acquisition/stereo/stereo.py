@@ -40,10 +40,10 @@ def sphere_from_stereo(
     if is_seen is not None:
         depth_m[~is_seen] = np.nan
         left = np.where(is_seen if left.ndim == 2 else is_seen[..., None], left, 0).astype(np.uint8)
-    window = window_of(camera, T_sphere_camera, full_width_of([camera], partial))
+    window = window_of(camera, T_sphere_camera, full_width_of(camera, partial))
     range_m = resample_range(depth_m, camera, T_sphere_camera, window)
-    image, weight = resample_image(left, camera, T_sphere_camera, window, range_m)
-    range_m[weight == 0] = np.nan
+    image, seen = resample_image(left, camera, T_sphere_camera, window, range_m)
+    range_m[~seen] = np.nan
     range_std_m = range_m * resample_nearest(relative_std, camera, T_sphere_camera, window)
     return Sphere(image, range_m, window, stamp_ns, range_std_m)
 
@@ -54,8 +54,6 @@ def depth_from_stereo(
     """Return depth along z (H, W) in metres, NaN where not trusted, and its relative standard deviation (H, W)."""
     check_sphere_image(left, camera, "left image")
     check_sphere_image(right, camera, "right image")
-    if camera.is_distorted:
-        raise ValueError(f"stereo camera: expected rectified images (no distortion), found {camera.distortion}")
     if not (np.isfinite(baseline_m) and baseline_m > 0):
         raise ValueError(f"stereo baseline: expected positive metres, found {baseline_m}")
     disparity = match_pair(left, right, disparities_of_depths(camera, baseline_m, params), params)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
-from sphere_mapping.acquisition.kernels import SCALE, add_band, warp_by_range
+from sphere_mapping.acquisition.kernels import warp_by_range
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
 from sphere_nav.geometry.arrays import Bytes, Floats
@@ -26,10 +26,10 @@ def blend(layout: Layout, images: Mapping[str, Bytes], inverse_range: Floats | N
     images: by camera, all grey or all RGB. inverse_range (H, W) 1/m, known everywhere: each pixel is taken from where
     its point is seen, not from a common distance.
     """
-    whole, colors = layout.whole, images[layout.views[0].name].shape[2:]
+    whole, colors = layout.whole, images[layout.views[0].rig_view.name].shape[2:]
     image = np.zeros((whole.height, whole.width, *colors), np.uint8)
     parts = [
-        warp_view(view, images[view.name], inverse_range, tiles)
+        warp_view(view, images[view.rig_view.name], inverse_range, tiles)
         for view, tiles in zip(layout.views, layout.tiles, strict=True)
     ]
     for view, part in zip(layout.views, parts, strict=True):
@@ -123,13 +123,12 @@ def _add(image: Bytes, weights: Sequence[Floats], totals: Sequence[NDArray[np.in
     for weight, total in zip(weights[:-1], totals[:-1], strict=True):
         coarser = cv2.pyrDown(finest)
         smooth = cv2.pyrUp(coarser, dstsize=(finest.shape[1], finest.shape[0]))
-        add_band(_three(finest), _three(smooth), weight, total)
+        _add_band(cv2.subtract(finest, smooth, dtype=cv2.CV_32F), weight, total)
         finest = coarser
-    add_band(_three(finest), np.zeros_like(_three(finest)), weights[-1], totals[-1])
+    _add_band(finest, weights[-1], totals[-1])
 
 
-def _three(image: Bytes) -> Bytes:
-    return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
-
-
-assert np.iinfo(np.int16).max > SCALE * 255  # the coarsest band holds whole grey levels
+def _add_band(band: Bytes | Floats, weight: Floats, total: NDArray[np.int16]) -> None:
+    """Add a band (h, w[, c]) by its weight (h, w) to a sum (h, w, c), in sixteenths of a grey level."""
+    share = np.float32(16.0) * weight[..., None]
+    total += np.floor(share * band.reshape(total.shape) + np.float32(0.5)).astype(np.int16)

@@ -70,7 +70,7 @@ class Overlaps:
             for part, step in zip(seen, self._steps, strict=True)
         ]
         is_inside = [part[2] > OVERLAP_FROM_BORDER for part in seen]
-        angles = [_angles(rig_view, rays) for rig_view in rig_views]
+        angles = [off_axis(rig_view.T_sphere_camera.inverse().apply(rays)) for rig_view in rig_views]
         rows = (np.arange(OVERLAP_GRID.height)[:, None] + 0.5) * np.pi / OVERLAP_GRID.height
         is_even = np.random.default_rng(0).random((OVERLAP_GRID.height, OVERLAP_GRID.width)) < np.sin(rows)
         self.pairs = []
@@ -125,16 +125,9 @@ def is_same_detail(first: Floats, second: Floats, both: Flags, block: Block, cho
     return both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
 
 
-def angles_of(rig_view: RigView, pixels: Array) -> Array:
-    """Return the angle (...,) in rad of pixels (..., 2) from the optical axis, NaN where nothing is seen."""
-    rays = rig_view.camera.unproject(pixels)
-    return np.arctan2(np.linalg.norm(rays[..., :2], axis=-1), rays[..., 2])
-
-
-def _angles(rig_view: RigView, points: Array) -> Array:
-    """Return the angle (...,) in rad between the optical axis and points (..., 3) of the sphere's frame."""
-    seen = rig_view.T_sphere_camera.inverse().apply(points)
-    return np.arctan2(np.linalg.norm(seen[..., :2], axis=-1), seen[..., 2])
+def off_axis(points: Array) -> Array:
+    """Return the angle (...,) in rad between the optical axis and points (..., 3) of a camera's frame; NaN for NaN."""
+    return np.arctan2(np.linalg.norm(points[..., :2], axis=-1), points[..., 2])
 
 
 def _mean_logarithm(plane: Floats) -> Floats:

@@ -9,7 +9,6 @@ images, each pixel taken from where its point is seen. A camera that is missing 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from sphere_mapping.acquisition.light.light import Learned, Light
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.fusion import (
     Ranged,
-    StereoRange,
     fuse_sources,
     inverse_range,
     range_from_cloud,
@@ -34,16 +32,6 @@ from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.spheres.sphere import Sphere, check_depth, check_sphere_image, to_gray_bytes
-
-
-@dataclass(frozen=True, eq=False)
-class Stitched:
-    """The sphere of an instant; the bottom sphere where the rig has one; the cameras that were missing."""
-
-    sphere: Sphere
-    bottom: Bytes | None
-    missing: tuple[str, ...]
-    gains: dict[str, Array]
 
 
 class Stitcher:
@@ -74,22 +62,20 @@ class Stitcher:
         stamp_ns: int = 0,
         points_rig: NDArray[np.floating] | None = None,
         depths: Mapping[str, NDArray[np.floating]] | None = None,
-    ) -> Stitched:
+    ) -> Sphere:
         """Return the sphere of one instant from the images by camera, all grey or all RGB; cameras may be missing.
 
         points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig. depths: of RGB-D cameras, (h, w) m
         along the axis, registered to the image.
         """
-        equal, gains = self.equalize(images)
-        stereo = self._find_range(equal)
-        sources = [*stereo.measured, *self._project_depths(depths or {}), *self._project_points(points_rig)]
+        equal, _ = self.equalize(images)
+        sources = [*self._find_range(equal), *self._project_depths(depths or {}), *self._project_points(points_rig)]
         range_m, std_m = fuse_sources(sources, self.whole)
         layout = self.layouts.of("top" if self.rig.is_vertical else "", tuple(equal))
         image = blend(layout, equal, inverse_range(range_m, layout.is_covered))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
-        missing = tuple(name for name in self.rig.names if name not in equal)
-        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), stereo.bottom, missing, gains)
+        return Sphere(image, range_m, self.whole, stamp_ns, std_m)
 
     def equalize(self, images: Mapping[str, Bytes]) -> tuple[dict[str, Bytes], dict[str, Array]]:
         """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""
@@ -127,10 +113,10 @@ class Stitcher:
             self.stereo.is_checked = True
         self._light.resume(learned)
 
-    def _find_range(self, images: Mapping[str, Bytes]) -> StereoRange:
+    def _find_range(self, images: Mapping[str, Bytes]) -> list[Ranged]:
         """Return what the images say about range."""
         if self.stereo is None:
-            return StereoRange()
+            return []
         grays = _to_grays(images)
         found = self.stereo.find(grays)  # names exchanged levels, before lenses are blamed for them
         if not self._has_lenses:

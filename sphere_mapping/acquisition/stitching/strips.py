@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import ALONE, CAP_ROWS
+from sphere_mapping.acquisition.range.levels import around, halve_image, twice
 from sphere_nav.geometry.arrays import Flags, Floats
 
 OUTSIDE = -1  # owner of a pixel that no camera shows
@@ -108,7 +109,7 @@ def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, 
     for k in range(number):
         levels = [(owner == k).astype(np.float32)]
         for _ in range(num_bands):
-            levels.append(_halve_around(levels[-1]))
+            levels.append(halve_image(levels[-1], is_whole=True))
         pyramids[k] = levels
     for level in range(num_bands + 1):
         total = np.sum([levels[level] for levels in pyramids.values()], axis=0)
@@ -124,8 +125,7 @@ def _mix(weights: dict[int, list[Floats]]) -> Flags:
         highest = np.max([levels[level] for levels in weights.values()], axis=0)
         here = (highest > 0) & (highest < ALONE)
         if found is not None:
-            wide = np.repeat(np.repeat(found, 2, axis=0), 2, axis=1).astype(np.uint8)
-            padded = cv2.copyMakeBorder(wide, 0, 0, 2, 2, cv2.BORDER_WRAP)
+            padded = around(twice(found).astype(np.uint8), 2, is_whole=True)
             here |= cv2.dilate(padded, np.ones((5, 5), np.uint8))[:, 2:-2][: here.shape[0], : here.shape[1]] > 0
         found = here
     assert found is not None
@@ -165,9 +165,3 @@ def _with_margin(
     side = margin if last - first == shape[1] else 0  # one view has a run's ends to itself; a whole round has none
     block = Block(top, (first - side) % shape[1], bottom - top, last - first + 2 * side)
     return block, (slice(rows.start - top, rows.stop - top), slice(side, side + last - first))
-
-
-def _halve_around(plane: NDArray) -> NDArray:
-    """Return the next pyramid level of a whole sphere (H, W), whose columns wrap around."""
-    padded = cv2.copyMakeBorder(plane, 0, 0, 4, 4, cv2.BORDER_WRAP)
-    return cv2.pyrDown(padded)[:, 2:-2]

@@ -54,11 +54,6 @@ class StitchedView:
     is_owned: Bytes  # (h, w), 255 where the sphere shows this camera
     by_range: Floats  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
 
-    @property
-    def name(self) -> str:
-        """Name of the camera."""
-        return self.rig_view.name
-
 
 @dataclass(frozen=True, eq=False)
 class Layout:

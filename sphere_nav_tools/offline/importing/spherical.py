@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
-from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.partial.window import full_width_for
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
@@ -63,17 +66,22 @@ def open_spherical(folder: Path) -> Recording:
 def _open_ring(folder: Path) -> Recording:
     """Open sphere_*/rgb_k.png, depth_k.png (mm, registered) of eight sensors, Extrinsics/Rt_0k.txt, gicp_T_*_*.txt."""
     names = sorted(folder.glob("sphere_*"), key=_number)
-    numbers = range(1, NUM_SENSORS + 1)
-    T_body_sensor = [T_BODY_RIG @ read_pose(folder / "Extrinsics" / f"Rt_0{number}.txt") for number in numbers]
+    poses = {
+        f"rgb_{k}": T_BODY_RIG @ read_pose(folder / "Extrinsics" / f"Rt_0{k}.txt") for k in range(1, NUM_SENSORS + 1)
+    }
+    settings = {"width": 2 * full_width_for(SENSOR.pixels_per_radian / 2), "range": "none", "fusion.max_depth_m": 100.0}
+    rig = Rig(tuple(RigCamera(name, SENSOR, T) for name, T in poses.items()))
+    stitcher = Stitcher(rig, build(StitchParams, settings))
 
     def sphere(index: int, stamp: int) -> Sphere:
-        views = []
-        for number, T in zip(numbers, T_body_sensor, strict=True):
-            depth = read_meters(names[index] / f"depth_{number}.png", 1000.0)
-            views.append(RgbdView(read_rgb(names[index] / f"rgb_{number}.png"), depth, SENSOR, T))
-        return sphere_from_views(views, stamp)
+        depths = {name: read_meters(names[index] / f"{name.replace('rgb', 'depth')}.png", 1000.0) for name in poses}
+        images = {name: read_rgb(names[index] / f"{name}.png") for name in poses}
+        return stitcher.stitch(images, stamp, depths=depths)
 
-    return sphere_recording(_seconds(names), sphere, *_gicp_poses(folder, names))
+    known, file = _gicp_poses(folder, names)
+    T_rig_sphere = stitcher.T_rig_sphere
+    moved = [T and T_rig_sphere.inverse() @ T @ T_rig_sphere for T in known]
+    return sphere_recording(_seconds(names), sphere, moved, file)
 
 
 def _gicp_poses(folder: Path, names: list[Path]) -> tuple[list[SE3 | None], str]:

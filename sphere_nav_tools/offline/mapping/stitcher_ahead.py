@@ -23,7 +23,7 @@ Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted n
 
 def stitch_apart(known: bytes, images: Any, stamp_ns: int, points: Any, depths: Any) -> Sphere:
     """Return the sphere of an instant by what was learned of its rig, in whatever process."""
-    return _stitcher(known).stitch(images, stamp_ns, points, depths).sphere
+    return _stitcher(known).stitch(images, stamp_ns, points, depths)
 
 
 @lru_cache(maxsize=1)
@@ -64,7 +64,7 @@ class StitcherAhead(SphereStitcher):
         values = instant.images, instant.sync.stamp_ns, instant.points, instant.depths
         stitcher = self.stitcher
         if self.executor is None or not stitcher.is_settled:
-            return self.pool.submit(lambda: stitcher.stitch(*values).sphere)
+            return self.pool.submit(lambda: stitcher.stitch(*values))
         self._known = self._known or pickle.dumps((stitcher.rig, stitcher.params, stitcher.masks, stitcher.learned))
         return self.executor.submit(stitch_apart, self._known, *values)
 

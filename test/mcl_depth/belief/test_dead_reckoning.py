@@ -13,7 +13,7 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
-CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9, np.arange(1))
+CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9)
 
 
 def observe(x, y, yaw, second=1):

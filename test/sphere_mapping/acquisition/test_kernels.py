@@ -4,41 +4,9 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.range.epipolar import correct_baseline
 from sphere_mapping.acquisition.range.fusion import fuse_sources
 from sphere_nav.geometry import Spherical
-
-
-def test_steps_of_a_pixels_own_surface_are_compared_in_both_images():
-    rng = np.random.default_rng(8)
-    height, width, margin = 24, 30, 2
-    top, bottom = rng.integers(100, 130, (2, height, width)).astype(np.uint8)
-    disparity = rng.uniform(-3, 6, (height, width)).astype(np.float32)
-    disparity[5, 7] = np.nan
-    products = np.empty((3, height, width + 2 * margin), np.float32)
-    kernels.compare_steps(top, bottom, disparity, margin, True, products)
-    lower, expected = bottom.astype(float), np.zeros((3, height, width))
-    for v, u in np.ndindex(height, width):
-        y = v - disparity[v, u]
-        if 1 <= v < height - 1 and 1 <= y < height - 2:
-            below = np.interp([y - 1, y, y + 1], np.arange(height), lower[:, u])
-            here, there = (steady(np.diff(line)) for line in (top[v - 1 : v + 2, u].astype(float), below))
-            expected[:, v, u] = here * here, there * there, here * there
-    expected = np.pad(expected, ((0, 0), (0, 0), (margin, margin)), mode="wrap")
-    np.testing.assert_allclose(products, expected, atol=2e-3)
-    levels = np.pad(top.astype(np.float32), ((0, 0), (margin, margin)), mode="wrap")
-    found = np.empty((height, width), np.float32)
-    kernels.correlate_alike(levels, products, margin, np.float32(8.0), np.float32(1.0), found)
-    for v, u in np.ndindex(height, width):
-        rows, columns = slice(max(v - margin, 0), v + margin + 1), slice(u, u + 2 * margin + 1)
-        is_alike = np.abs(levels[rows, columns] - levels[v, u + margin]) <= 8
-        a, b, c = (expected[k, rows, columns][is_alike].sum() for k in range(3))
-        assert found[v, u] == pytest.approx(c / np.sqrt(a * b + 1), abs=1e-3)
-    assert found.min() < -0.3
-    assert found.max() > 0.3
-
-
-def steady(steps):
-    return np.sign(steps[0]) * np.abs(steps).min() if steps[0] * steps[1] > 0 else 0.0
 
 
 def test_smoothing_keeps_slopes_and_edges():
@@ -46,8 +14,7 @@ def test_smoothing_keeps_slopes_and_edges():
     plane = np.float32(10) + np.float32(0.1) * rows + np.where(columns < 20, 0, 9).astype(np.float32)
     noisy = plane + np.random.default_rng(1).normal(0, 0.2, plane.shape).astype(np.float32)
     noisy[5, 5] = np.nan
-    out = np.empty_like(noisy)
-    kernels.smooth(noisy, 3, np.float32(1.0), np.float32(0.03), np.empty_like(noisy), out)
+    out = kernels.smooth(noisy, 3, np.float32(1.0), np.float32(0.03))
     assert np.isnan(out[5, 5])
     assert np.isnan(out).sum() == 1
     inner = (slice(3, -3), slice(3, -3))
@@ -107,7 +74,7 @@ def test_splatting_keeps_the_nearest_and_wraps_only_on_request():
     range_m = np.float32([5.0, 2.0, 3.0, 1.0])
     for wraps in (False, True):
         image = np.full((3, 4), np.inf, dtype=np.float32)
-        kernels.splat_with_std(u, v, range_m, 0.1 * range_m, 0, wraps, image, std := np.full_like(image, np.nan))
+        kernels.splat_with_std(u, v, range_m, 0.1 * range_m, 2, wraps, image, std := np.full_like(image, np.nan))
         np.testing.assert_allclose(std[np.isfinite(image)], 0.1 * image[np.isfinite(image)])
         np.testing.assert_array_equal(image[1:3, 1:3], 2.0)
         assert image[0, 3] == 3.0
@@ -158,7 +125,7 @@ def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joi
     shrink[0, :3] = 1.0
     with np.errstate(invalid="ignore"):
         twin = [np.where(twin[0] < 1e9, plane * shrink, plane) for plane in twin]
-    kernels.stretch(range_m, std_m, error, shrink, np.float32(0.1))
+    correct_baseline(range_m, std_m, error, shrink, 0.1)
     np.testing.assert_allclose(range_m, twin[0], rtol=2e-6)
     np.testing.assert_allclose(std_m, twin[1], rtol=2e-6)
     np.testing.assert_allclose(range_m[0, :3], 10.0, rtol=1e-6)

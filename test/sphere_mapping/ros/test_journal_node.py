@@ -85,6 +85,6 @@ def test_a_journal_is_on_disk_from_the_first_key_sphere_on_until_all_is_in_a_map
     journal, graph = journal_in(tmp_path, told), SphereGraph([KeySphere(0, 1, PLACES[0])])
     journal.tell(graph)
     assert f"key spheres are written to {tmp_path / 'journal.partial'}" in told[0]
-    journal.saved()
+    journal.is_saved = True
     journal.close(SimpleNamespace(graph=graph))
     assert list(tmp_path.iterdir()) == []

@@ -28,11 +28,12 @@ import hashlib, sys
 import numpy as np
 from mcl_depth.likeness import kernels
 
-grey = np.random.default_rng(0).uniform(0.0, 255.0, (64, 360)).astype(np.float32)
+x, y, m = np.random.default_rng(0).uniform(0.0, 1.0, (3, 64, 360)).astype(np.float32)
+codes = np.random.default_rng(1).integers(0, 256, (2, 3, 64, 360)).astype(np.uint8)
 if sys.argv[1:]:
-    kernels._to_unit(grey > 0, grey.copy(), grey[::-1].copy(), np.empty_like(grey))  # one that the other calls
-found = kernels.visual_gradients(grey, np.ones(grey.shape, np.bool_))
-print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in found))
+    kernels._add_row(x[0], y[0], m[0], *np.tile(x[:3], 2), np.zeros((36, 3)))  # one that the other calls
+found = kernels.compare_headings_many(x, y, m, m, *codes, np.ones(3, np.float32), np.arange(3), 36)
+print(hashlib.sha256(found.tobytes()).hexdigest())
 """
 
 
@@ -44,6 +45,6 @@ def test_a_kernel_gives_the_same_bits_where_it_is_compiled_and_where_it_is_loade
         return subprocess.run(command, env=variables, check=True, capture_output=True, text=True, timeout=300).stdout
 
     compiled = run()
-    assert list(tmp_path.rglob("*visual_gradients*.nbc"))
+    assert list(tmp_path.rglob("*compare_headings_many*.nbc"))
     assert run() == compiled
     assert run("after another") == compiled

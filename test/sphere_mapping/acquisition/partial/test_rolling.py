@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, roll, sphere_from_views
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, roll, sphere_from_view
 from sphere_mapping.acquisition.partial.window import window_of
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -28,7 +28,7 @@ def rgbd(twist):
 
 def difference(view, other):
     """Mean difference of the grey levels, median relative one of the ranges."""
-    one, two = sphere_from_views([view]), sphere_from_views([other])
+    one, two = sphere_from_view(view), sphere_from_view(other)
     both = np.isfinite(one.range_m) & np.isfinite(two.range_m)
     off = np.abs(one.image.astype(float) - two.image)[both].mean()
     return off, np.median(np.abs(one.range_m / two.range_m - 1.0)[both])

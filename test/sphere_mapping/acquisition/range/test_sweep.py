@@ -35,7 +35,7 @@ def stitcher(ring):
 
 @pytest.fixture(scope="module")
 def found(stitcher, images):
-    return stitcher.stereo.find(images).measured[0]
+    return stitcher.stereo.find(images)[0]
 
 
 def test_range_is_that_of_the_scene_and_so_is_its_deviation(stitcher, found):

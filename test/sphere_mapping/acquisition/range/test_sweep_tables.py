@@ -91,17 +91,15 @@ def test_who_is_masked_or_absent_does_not_see(views):
     assert half.numbers[64, 116] == 3
 
 
-def test_cameras_that_cannot_measure_are_told_why(views):
+def test_cameras_that_cannot_measure_are_told_why():
     def rig_of(*poses):
         return Rig(tuple(RigCamera(name, LENSES[2], T) for name, T in zip("ab", poses, strict=False)), name="test")
 
-    def reason(rig):
-        return why_no_range(rig, Layouts(rig, build(StitchParams, {"width": 256}), {}).views)
-
     ahead, back = (SE3.from_parts(turn @ OPTICAL, [0.0, 0.0, 0.0]) for turn in (np.eye(3), np.diag([-1.0, -1.0, 1.0])))
     beside = SE3.from_parts(OPTICAL, [0.0, 0.3, 0.0])
-    assert reason(rig_of(ahead, beside)) == ""
-    assert "expected two cameras, found 1" in reason(rig_of(ahead))
-    assert "3% of the sphere seen by two cameras, found 0.0% at most (a, b)" in reason(rig_of(ahead, back))
-    assert "centres 0.02 m apart, found 0.000 m (a, b)" in reason(rig_of(ahead, ahead))
-    assert shared_view(views[0], views[1]) == pytest.approx(shared_view(views[1], views[0]))
+    assert why_no_range(rig_of(ahead, beside)) == ""
+    assert "expected two cameras, found 1" in why_no_range(rig_of(ahead))
+    assert "3% of the sphere seen by two cameras, found 0.0% at most (a, b)" in why_no_range(rig_of(ahead, back))
+    assert "centres 0.02 m apart, found 0.000 m (a, b)" in why_no_range(rig_of(ahead, ahead))
+    a, b = rig_of(ahead, beside).cameras
+    assert shared_view(a, b) == pytest.approx(shared_view(b, a))

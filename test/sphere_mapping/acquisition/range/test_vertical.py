@@ -25,9 +25,8 @@ def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, grays)
     assert not stereo.is_checked
     found = stereo.find(grays)
     assert stereo.is_checked
-    [(range_m, std_m)] = found.measured
+    [(range_m, std_m)] = found
     measured = np.isfinite(range_m)
     assert measured.mean() > 0.5
     assert np.isfinite(std_m[measured]).all()
     assert np.median(range_m[measured]) == pytest.approx(RADIUS, rel=0.05)
-    assert found.bottom.shape == range_m.shape

@@ -76,9 +76,7 @@ def test_far_things_are_not_measured_but_uncertain_ones_neither(pair):
 
 def test_what_is_no_rectified_pair_is_refused(pair):
     left, right, _ = pair
-    bent = Pinhole(400, 260, 300.0, 300.0, 200.0, 130.0, (0.1,))
     for arguments, message in (
-        ((left, right, bent, BASELINE), "expected rectified images"),
         ((left, right, CAMERA, np.nan), "baseline: expected positive metres, found nan"),
         ((left, right[:100], CAMERA, BASELINE), "right image: expected 400 x 260"),
     ):

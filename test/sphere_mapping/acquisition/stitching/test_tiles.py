@@ -49,7 +49,8 @@ def layout():
 @pytest.mark.parametrize("has_range", [True, False])
 def test_the_sphere_is_the_same_as_of_whole_blocks(layout, has_range, rng):
     images = {
-        view.name: rng.integers(90 + 5 * k, 110 + 5 * k, (160, 160, 3), np.uint8) for k, view in enumerate(layout.views)
+        view.rig_view.name: rng.integers(90 + 5 * k, 110 + 5 * k, (160, 160, 3), np.uint8)
+        for k, view in enumerate(layout.views)
     }
     inverse = rng.uniform(0.0, 1.0, (512, 1024)).astype(np.float32) if has_range else None
     blocks = [view.block for view in layout.views]

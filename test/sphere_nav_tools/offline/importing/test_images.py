@@ -186,7 +186,7 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring):
     azimuth = np.arctan2(directions[..., 1], directions[..., 0])
     gray = 128 + 100 * np.sin(azimuth)
     # 100 grey levels a radian, a pixel is 15 mrad
-    assert np.abs(sphere.image[..., 0].astype(float) - gray)[seen].max() < 4
+    assert np.abs(sphere.image[..., 0].astype(float) - gray)[seen].max() < 5  # with gains to 1 %
     assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward

@@ -67,7 +67,7 @@ def instant(stamp):
 
 
 def test_a_sphere_is_published_some_instants_later():
-    node, published = make(lambda images, stamp, points, depths: SimpleNamespace(sphere=stamp))
+    node, published = make(lambda images, stamp, points, depths: stamp)
     for stamp, before in ((1, []), (2, []), (3, [1]), (4, [1, 2])):
         node.stitch(instant(stamp))
         assert published == before
