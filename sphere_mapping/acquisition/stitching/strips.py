@@ -125,7 +125,7 @@ def _mix(weights: dict[int, list[Floats]]) -> Flags:
         highest = np.max([levels[level] for levels in weights.values()], axis=0)
         here = (highest > 0) & (highest < ALONE)
         if found is not None:
-            padded = around(twice(found).astype(np.uint8), 2, is_whole=True)
+            padded = around(twice(found.astype(np.uint8)), 2, is_whole=True)
             here |= cv2.dilate(padded, np.ones((5, 5), np.uint8))[:, 2:-2][: here.shape[0], : here.shape[1]] > 0
         found = here
     assert found is not None
