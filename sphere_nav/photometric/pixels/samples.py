@@ -12,25 +12,28 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
-from sphere_nav.photometric.pixels.reference import Selection, View
+from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.pixels.reference import Selection
 from sphere_nav.photometric.pixels.selection import choose_pixels
+
+FOUR = kernels.TA, kernels.TB, kernels.TC, kernels.TD  # rows of the grey levels around a pixel
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
+    """Pixels of one image: which of its views each is of (N,), points (N, 3) m in the camera, residuals (N,).
 
-    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image,
-    at (N, 2) the place in it, -1...1 on both axes.
+    Gradients (N, 3) by the point are those of both images. by_stretch (N,) is the derivative of the residual by the
+    stretch, current (N,) the grey level of the image, at (N, 2) the place in it, -1...1 on both axes.
     """
 
+    view: NDArray[np.int64]
     points: Array
     of_reference: Array
     of_image: Array
@@ -44,14 +47,19 @@ class Sample:
         """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
         return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
 
+    def __len__(self) -> int:
+        return len(self.residual)
+
     def where(self, chosen: NDArray[np.bool_]) -> Sample:
         """Return some of the pixels, chosen (N,)."""
         return Sample(*(getattr(self, part.name)[chosen] for part in fields(self)))
 
+    def of_views(self, least: int) -> Sample:
+        """Return the pixels of views that have so many at least."""
+        return self.where(np.bincount(self.view)[self.view] >= least)
 
-CameraSamples = Sequence[
-    tuple[SE3 | None, Sequence[Sample]]
-]  # T_body_camera (None: it is the body), pixels of its views
+
+CameraSamples = Sequence[tuple[SE3, Sample]]  # T_body_camera and the pixels of its image
 Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
 
 
@@ -83,12 +91,9 @@ class CellCosines(NamedTuple):
         return float(np.quantile(self.mean[self.known], TYPICAL_QUANTILE)) if self.known.any() else 0.0
 
 
-def cosines_by_cell(samples: Sequence[Sample], cells: tuple[int, int], least: int) -> CellCosines:
-    """Return the cosines of all views by cells (columns, rows) of the image; known are those of `least` pixels."""
-    number = math.prod(cells)
-    cell = np.concatenate([np.zeros(0, np.int64), *(cell_of(one, cells) for one in samples)])
-    parts = [np.zeros((2, 0)), *(np.stack(cosines(one)) for one in samples)]
-    cosine, weight = np.concatenate(parts, axis=1)
+def cosines_by_cell(sample: Sample, cells: tuple[int, int], least: int) -> CellCosines:
+    """Return the cosines by cells (columns, rows) of the image; known are those of `least` pixels."""
+    number, cell, (cosine, weight) = math.prod(cells), cell_of(sample, cells), cosines(sample)
     total, agreeing = (np.asarray(np.bincount(cell, one, number), np.float64) for one in (weight, weight * cosine))
     known = (np.bincount(cell, minlength=number) >= least) & (total > 0.0)
     return CellCosines(cell, cosine, weight, total, agreeing / np.maximum(total, TINY), known)
@@ -101,24 +106,19 @@ def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
 
 
 def sample_views(
-    pyramid: Pyramid,
-    views: Sequence[View],
-    alignment: Alignment,
-    params: RegistrationParams,
-    motion: FrameMotion | None,
-) -> list[Sample]:
-    """Return some pixels of each view, warped into the image."""
-    level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
-    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(alignment.T_world_camera))
-    T_camera_world = alignment.T_world_camera.inverse()
-    samples = []
-    for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
+    image: RigImage, T_world_camera: SE3, light: Array, params: RegistrationParams, motion: FrameMotion | None
+) -> Sample:
+    """Return some pixels of each view of an image, warped into it; light (views, 2) are their gains and biases."""
+    level, T_camera_world = image.level(params.pyramid.finest), T_world_camera.inverse()
+    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(T_world_camera))
+    number, samples = len(image.views), list[Sample]()
+    for view, (gain, bias) in zip(image.views, light.tolist(), strict=True):
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
-        selection = choose_pixels(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = thin_blocks(selection, NUM_SAMPLES // len(views))
-        samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
-    return samples
+        selection = choose_pixels(pixels, T, level.camera, params.max_pixels // number)
+        blocks = thin_blocks(selection, NUM_SAMPLES // number)
+        samples.append(warp_sample(blocks, T, camera, level, (gain, bias), len(samples)))
+    return Sample(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(Sample)))
 
 
 def thin_blocks(selection: Selection, number: int) -> Floats:
@@ -132,14 +132,37 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
     return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
 
 
-def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:
-    """Warp pixels of a reference into the image."""
-    height, width = level.camera.height, level.camera.width
-    gain, bias, *center = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
-    out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
-    kernels.warp(blocks, T, camera, level.samples, gain, bias, *center, out)
-    seen = out[:-1, out[-1] > 0.0].astype(np.float64)
-    points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
-    at = (level.camera.project(points)[0] - center) / center
-    by_stretch, current, residual = seen[9:]
-    return Sample(points, of_reference, of_image, by_stretch, current, residual, at)
+def warp_sample(
+    blocks: Floats, T: SE3, camera: KernelCamera, level: Level, light: tuple[float, float], view: int
+) -> Sample:
+    """Warp pixels of a reference, that of a view, into the image; T is reference -> camera."""
+    (gain, bias), center = light, 0.5 * (np.array([level.camera.width, level.camera.height]) - 1.0)
+    scratch = np.zeros((blocks.size // BLOCK, kernels.SCRATCH), np.float32)
+    kernels.locate_all(blocks, kernel_motion(T.matrix), camera, level.samples, scratch)
+    is_seen = scratch[:, kernels.SEEN : kernels.SEEN + SIDE] > 0.0
+    pixels, found = (
+        one.reshape(len(scratch), size // SIDE, SIDE).swapaxes(1, 2)[is_seen].astype(np.float64)
+        for one, size in ((blocks, BLOCK), (scratch, kernels.SCRATCH))
+    )
+
+    def rows(table: Array, *firsts: int) -> Array:
+        return table[:, [first // SIDE for first in firsts]]
+
+    upper_left, upper_right, lower_left, lower_right = rows(found, *FOUR).T
+    right, down = rows(found, kernels.DU, kernels.DV).T
+    top = upper_left + right * (upper_right - upper_left)
+    bottom = lower_left + right * (lower_right - lower_left)
+    slopes = (1.0 - down) * (upper_right - upper_left) + down * (lower_right - lower_left), bottom - top
+    by_pixel, current = gain * np.stack(slopes, axis=1), top + down * (bottom - top)
+    offset = rows(found, kernels.U, kernels.V) - center
+    J = rows(found, *range(kernels.J0, kernels.J5 + 1, SIDE)).reshape(-1, 2, 3)
+    return Sample(
+        view=np.full(len(found), view),
+        points=rows(found, kernels.X, kernels.Y, kernels.Z),
+        of_reference=rows(pixels, kernels.BX, kernels.BY, kernels.BZ) @ T.rotation.T,
+        of_image=np.einsum("ni,nij->nj", by_pixel, J),
+        by_stretch=np.sum(by_pixel * offset, axis=1),
+        current=current,
+        residual=gain * current + bias - rows(pixels, kernels.GRAY)[:, 0],
+        at=offset / center,
+    )
