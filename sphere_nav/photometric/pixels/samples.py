@@ -22,7 +22,7 @@ from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.photometric.pixels.reference import Selection
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
-FOUR = kernels.TA, kernels.TB, kernels.TC, kernels.TD  # rows of the grey levels around a pixel
+SQUARE = kernels.TA, kernels.TB, kernels.TC, kernels.TD, kernels.DU, kernels.DV  # grey levels, and where between them
 
 
 @dataclass(frozen=True)
@@ -111,14 +111,15 @@ def sample_views(
     """Return some pixels of each view of an image, warped into it; light (views, 2) are their gains and biases."""
     level, T_camera_world = image.level(params.pyramid.finest), T_world_camera.inverse()
     camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(T_world_camera))
-    number, samples = len(image.views), list[Sample]()
-    for view, (gain, bias) in zip(image.views, light.tolist(), strict=True):
+    number, tables, rotations = len(image.views), list[Floats](), list[Array]()
+    for view in image.views:
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
         selection = choose_pixels(pixels, T, level.camera, params.max_pixels // number)
-        blocks = thin_blocks(selection, NUM_SAMPLES // number)
-        samples.append(warp_sample(blocks, T, camera, level, (gain, bias), len(samples)))
-    return Sample(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(Sample)))
+        tables.append(locate_pixels(thin_blocks(selection, NUM_SAMPLES // number), T, camera, level))
+        rotations.append(T.rotation)
+    of_view = np.repeat(np.arange(number), [len(one) for one in tables])
+    return interpolate(np.concatenate(tables), of_view, np.stack(rotations), light, level)
 
 
 def thin_blocks(selection: Selection, number: int) -> Floats:
@@ -132,37 +133,34 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
     return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
 
 
-def warp_sample(
-    blocks: Floats, T: SE3, camera: KernelCamera, level: Level, light: tuple[float, float], view: int
-) -> Sample:
-    """Warp pixels of a reference, that of a view, into the image; T is reference -> camera."""
-    (gain, bias), center = light, 0.5 * (np.array([level.camera.width, level.camera.height]) - 1.0)
+def locate_pixels(blocks: Floats, T: SE3, camera: KernelCamera, level: Level) -> Floats:
+    """Return rows of blocks, then of the scratch, of the pixels (N, ROWS) that are seen; T is reference -> camera."""
     scratch = np.zeros((blocks.size // BLOCK, kernels.SCRATCH), np.float32)
     kernels.locate_all(blocks, kernel_motion(T.matrix), camera, level.samples, scratch)
-    is_seen = scratch[:, kernels.SEEN : kernels.SEEN + SIDE] > 0.0
-    pixels, found = (
-        one.reshape(len(scratch), size // SIDE, SIDE).swapaxes(1, 2)[is_seen].astype(np.float64)
-        for one, size in ((blocks, BLOCK), (scratch, kernels.SCRATCH))
-    )
+    both = np.concatenate([blocks.reshape(len(scratch), BLOCK), scratch], axis=1)
+    table = both.reshape(len(scratch), both.shape[1] // SIDE, SIDE).swapaxes(1, 2)
+    return table[scratch[:, kernels.SEEN : kernels.SEEN + SIDE] > 0.0]
 
-    def rows(table: Array, *firsts: int) -> Array:
-        return table[:, [first // SIDE for first in firsts]]
 
-    upper_left, upper_right, lower_left, lower_right = rows(found, *FOUR).T
-    right, down = rows(found, kernels.DU, kernels.DV).T
+def interpolate(table: Floats, view: NDArray[np.int64], rotations: Array, light: Array, level: Level) -> Sample:
+    """Return pixels of the table of an image; rotations (views, 3, 3) are those of reference -> camera."""
+    values, (gain, bias) = table.T.astype(np.float64), light[view].T
+    pixel, found = values[: BLOCK // SIDE], values[BLOCK // SIDE :]
+    upper_left, upper_right, lower_left, lower_right, right, down = (found[first // SIDE] for first in SQUARE)
     top = upper_left + right * (upper_right - upper_left)
     bottom = lower_left + right * (lower_right - lower_left)
-    slopes = (1.0 - down) * (upper_right - upper_left) + down * (lower_right - lower_left), bottom - top
-    by_pixel, current = gain * np.stack(slopes, axis=1), top + down * (bottom - top)
-    offset = rows(found, kernels.U, kernels.V) - center
-    J = rows(found, *range(kernels.J0, kernels.J5 + 1, SIDE)).reshape(-1, 2, 3)
+    by_u = gain * ((1.0 - down) * (upper_right - upper_left) + down * (lower_right - lower_left))
+    by_v, current = gain * (bottom - top), top + down * (bottom - top)
+    center = 0.5 * (np.array([level.camera.width, level.camera.height]) - 1.0)
+    offset = found[[kernels.U // SIDE, kernels.V // SIDE]].T - center
+    J_u, J_v = np.split(found[kernels.J0 // SIDE : kernels.J5 // SIDE + 1], 2)
     return Sample(
-        view=np.full(len(found), view),
-        points=rows(found, kernels.X, kernels.Y, kernels.Z),
-        of_reference=rows(pixels, kernels.BX, kernels.BY, kernels.BZ) @ T.rotation.T,
-        of_image=np.einsum("ni,nij->nj", by_pixel, J),
-        by_stretch=np.sum(by_pixel * offset, axis=1),
+        view=view,
+        points=np.ascontiguousarray(found[kernels.X // SIDE : kernels.Z // SIDE + 1].T),
+        of_reference=np.einsum("nij,jn->ni", rotations[view], pixel[kernels.BX // SIDE : kernels.BZ // SIDE + 1]),
+        of_image=np.ascontiguousarray((by_u * J_u + by_v * J_v).T),
+        by_stretch=by_u * offset[:, 0] + by_v * offset[:, 1],
         current=current,
-        residual=gain * current + bias - rows(pixels, kernels.GRAY)[:, 0],
+        residual=gain * current + bias - pixel[kernels.GRAY // SIDE],
         at=offset / center,
     )
