@@ -122,6 +122,7 @@ def _project_radial(k, r):
     last = NUM_COEFFICIENTS - 1
     while k[last] == ZERO:
         last -= 1
+    constant, highest = k[POLYNOMIAL], (k[last] if last > POLYNOMIAL else ZERO)
     for i in range(SIDE):
         known = r[Z + i] == r[Z + i]
         x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
@@ -129,9 +130,9 @@ def _project_radial(k, r):
         angle = arctangent2(sine, z)
         seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))  # straight behind is a whole circle
         r[SEEN + i] = ONE if seen else ZERO
-        r[TA + i], r[TB + i], r[TC + i] = (angle * angle if power == TWO else angle), k[last], ZERO
+        r[TA + i], r[TB + i], r[TC + i] = (angle * angle if power == TWO else angle), highest, ZERO
         r[TD + i], r[J0 + i], r[J1 + i], r[J2 + i] = angle, x, y, z
-    for j in range(last - 1, POLYNOMIAL - 1, -1):
+    for j in range(last - 1, POLYNOMIAL, -1):
         coefficient = k[j]
         for i in range(SIDE):
             r[TC + i] = r[TC + i] * r[TA + i] + r[TB + i]
@@ -142,7 +143,9 @@ def _project_radial(k, r):
         square = sine * sine + z * z
         by_both = ONE / (sine * square)
         by_sine, by_square = square * by_both, sine * by_both
-        radius, slope = r[TB + i] * r[TD + i], r[TB + i] + power * r[TA + i] * r[TC + i]
+        t, angle = r[TA + i], r[TD + i]
+        share = r[TB + i] * t + constant
+        radius, slope = share * angle, share + power * t * (r[TC + i] * t + r[TB + i])
         xn, yn = x * by_sine, y * by_sine
         along, across, by_z = slope * z * by_square, radius * by_sine, -slope * sine * by_square
         mixed = (along - across) * xn * yn
