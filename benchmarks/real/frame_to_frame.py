@@ -30,6 +30,7 @@ from sphere_nav.photometric import (
     register,
 )
 from sphere_nav.photometric.align.problem import Problem
+from sphere_nav.photometric.align.rig import RigImage
 
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 60  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
@@ -53,8 +54,10 @@ class Ours:
     def prepare(self, frame: Frame) -> Reference:
         """Turn depth into range along the ray, prepare all levels of the reference and choose its pixels."""
         reference = prepare_reference(frame.gray, frame.depth_m * self.range_by_depth, CAMERA, SOFT_IMAGES)
-        for level in build_pyramid(frame.gray, CAMERA, SOFT_IMAGES.pyramid).levels[SOFT_IMAGES.pyramid.finest :]:
-            Problem.choose_pixels(level, [View(reference, SE3.identity())], SE3.identity(), SOFT_IMAGES)
+        pyramid = build_pyramid(frame.gray, CAMERA, SOFT_IMAGES.pyramid)
+        image = RigImage(pyramid, views=(View(reference, SE3.identity()),))
+        for index in range(SOFT_IMAGES.pyramid.finest, len(pyramid.levels)):
+            Problem.choose_pixels([image], index, SE3.identity(), SOFT_IMAGES)
         return reference
 
     def track(self, reference: Reference, frame: Frame) -> SE3 | None:

@@ -33,6 +33,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -106,8 +107,8 @@ def iteration_ms(image: NDArray[np.uint8], room: Any, num_runs: int) -> NDArray[
     gray, range_m = look(room, SPHERE, SE3.identity())
     view = View(prepare_reference(gray, range_m, SPHERE), SE3.identity())
     params = RegistrationParams(pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS)
-    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
-    problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
+    seen = RigImage(build_pyramid(image, CAMERA, params.pyramid), views=(view,))
+    problem = Problem.choose_pixels([seen], 0, T_BODY_OPTICAL, params)
     state = AlignmentState.start(T_BODY_OPTICAL @ SE3.exp(START_ERROR), 1)
     return repeat_cpu(lambda: [problem.linearize(state) for _ in range(NUM_ITERATIONS)], num_runs) / NUM_ITERATIONS
 

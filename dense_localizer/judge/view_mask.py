@@ -8,7 +8,6 @@ of what is aligned. They are asked on, by the image as it was, so that a lens wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -82,14 +81,12 @@ class ViewMask:
         self._last = pose
         images = [replace(one, pyramid=self._as_it_was(one.pyramid)) for one in candidate.images]
         there = replace(alignment, T_world_camera=pose)
-        for image, samples in sample_images(images, there, self._params, candidate.motion):
+        for image, sample in sample_images(images, there, self._params, candidate.motion):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
             self._gradients[image.name] = now
             if before is not None and before.shape == now.shape:
                 log_odds = self._log_odds.get(image.name, np.zeros((ROWS, COLUMNS)))
-                self._log_odds[image.name] = np.clip(
-                    log_odds + _vote(samples, _are_still(now, before)), *LOG_ODDS_RANGE
-                )
+                self._log_odds[image.name] = np.clip(log_odds + _vote(sample, _are_still(now, before)), *LOG_ODDS_RANGE)
 
     def _has_moved(self, T_map_body: SE3, typical_range_m: float) -> bool:
         """Say whether most cells show something else than when they were last asked."""
@@ -102,9 +99,9 @@ class ViewMask:
         return next((whole for without, whole in self._whole if without is pyramid), pyramid)
 
 
-def _vote(samples: Sequence[Sample], still: Cells) -> Array:
+def _vote(sample: Sample, still: Cells) -> Array:
     """Return what one image adds to the log-odds; 0 where a cell shows too little, or the whole image is not alike."""
-    found = cosines_by_cell(samples, MASK_CELLS, MIN_MASK_PIXELS)
+    found = cosines_by_cell(sample, MASK_CELLS, MIN_MASK_PIXELS)
     disagrees = (found.mean < MIN_COSINE_RATIO * found.typical).reshape(ROWS, COLUMNS)
     asked = found.known.reshape(ROWS, COLUMNS) & (found.typical >= MIN_MASK_COSINE)
     return np.where(asked, np.where(disagrees & still, LOG_ODDS_HIDDEN, LOG_ODDS_SEEN), 0.0)

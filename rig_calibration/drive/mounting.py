@@ -132,7 +132,8 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
         X, scales = _moved(X, scales, step)
         if np.abs(step / MOUNTING_SIGMA).max() < SETTLED:
             break
-    covariance = clustered_covariance(np.linalg.inv(H + known), gradients, known)  # pieces are independent
+    piece = np.arange(len(gradients))  # they are independent
+    covariance = clustered_covariance(np.linalg.inv(H + known), gradients, piece, known=known)
     by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
     share = np.minimum(by_noise / np.maximum(np.diagonal(H), 1e-300), 1.0)
     return X, scales, covariance + np.diag((share * prior) ** 2), sigma

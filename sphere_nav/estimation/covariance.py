@@ -11,17 +11,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers
 
 Floats = NDArray[np.floating]
 
 
-def clustered_covariance(inverse: Floats, gradients: Floats, known: Floats) -> Array:
-    """Return the covariance (P, P) of x = -H^-1 sum g of M parts that are independent, whatever is within them.
+def clustered_covariance(
+    inverse: Floats, gradients: Floats, cluster: Integers, num_fitted: int = 1, known: Floats | float = 0.0
+) -> Array:
+    """Return the covariance (P, P) of x = -H^-1 sum g, where observations of one cluster err together in any way.
 
-    inverse (P, P) is H^-1, gradients (M, P) are those of the parts at the solution, known (P, P) the covariance of what
-    was known beforehand in terms of its gradient: H^-1 (M / (M - 1) sum g g' + known) H^-1.
+    inverse (P, P) is H^-1, gradients (N, P) are those at the solution, cluster (N,) says to which of M independent ones
+    each belongs, known (P, P) is the covariance of what was known beforehand in terms of its gradient:
+    H^-1 (M / (M - num_fitted) sum g g' + known) H^-1, the g being those of clusters.
     """
-    count = len(gradients)
-    scatter = gradients.T @ gradients * count / (count - 1)
-    return np.asarray(inverse @ (scatter + known) @ inverse, np.float64)
+    names, own = np.unique(cluster, return_inverse=True)
+    pulls = np.zeros((len(names), len(inverse)))
+    np.add.at(pulls, own, gradients)
+    freedom = len(names) / max(len(names) - num_fitted, 1)
+    return np.asarray(inverse @ (freedom * pulls.T @ pulls + known) @ inverse, np.float64)

@@ -78,6 +78,7 @@ class Elimination:
         pulls by what it pulls above the mean of all.
         """
         inverse, gradients = np.linalg.inv(self._H + self._prior), self._gradients - self._gradients.mean(axis=0)
+        run = np.arange(len(gradients))
         if 1 < num_blocks < len(gradients):
-            gradients = np.array([run.sum(axis=0) for run in np.array_split(gradients, num_blocks)])
-        return clustered_covariance(inverse, gradients, self._prior * CORRELATED_PIXELS)
+            run = np.sort(run % num_blocks)
+        return clustered_covariance(inverse, gradients, run, known=self._prior * CORRELATED_PIXELS)

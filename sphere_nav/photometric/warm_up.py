@@ -9,6 +9,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric.align.esm import register, register_rig
+from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
 from sphere_nav.photometric.checks.structure import find_rig_structure
@@ -32,6 +33,7 @@ def warm_up() -> None:
         register_rotation(pyramid, pyramid, params)
         correlation_after_turn(pyramid.levels[0], pyramid.levels[0], np.eye(3))
         images = [RigImage(pyramid, SE3.identity(), (view,))]
+        register_rig((MAX_VIEWS + 1) * images, SE3.identity(), params)
         found = register_rig(images, SE3.identity(), params)
         for turn in (0.0, 1.0):  # turned away, its parts are asked, too
             there = replace(found, T_world_camera=SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, turn]))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
-from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_step
+from sphere_nav.estimation.normal_equations import inverse_and_condition, weighted_step
 from sphere_nav.estimation.robust import HUBER, huber_weights
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
@@ -129,10 +129,10 @@ def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3, 
 
 def find_normals(points: Array, range_m: Floats, *, is_whole: bool) -> Array:
     """Return unit normals (H, W, 3) towards the sphere's center, NaN at edges of surfaces."""
-    rolled = np.roll if is_whole else _shift
-    left, right, above, below = (rolled(points, *one) for one in ((1, 1), (-1, 1), (1, 0), (-1, 0)))
+    around = np.pad(points, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
     if is_whole:
-        above[0], below[-1] = np.nan, np.nan
+        around[:, 0], around[:, -1] = around[:, -2], around[:, 1]
+    left, right, above, below = around[1:-1, :-2], around[1:-1, 2:], around[:-2, 1:-1], around[2:, 1:-1]
     normals = np.cross(right - left, below - above)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -161,8 +161,7 @@ def align_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
             if system is None:
                 return None
             J, residual, weight = system[:3]
-            weighted = weight[:, None] * J
-            xi = scaled_step(weighted.T @ J, weighted.T @ residual)
+            xi = weighted_step(J, residual, weight)
             T_a_b = T_a_b @ SE3.exp(xi)
             if system[4] < MIN_COARSE_AGREEMENT:
                 return None
@@ -279,12 +278,3 @@ def _agree(normals: Array, is_seen: Flags, is_alike: Flags) -> float:
     seen, alike = (np.bincount(axis[chosen], minlength=3) for chosen in (is_seen, is_alike))
     counted = seen >= MIN_FACING_SHARE * seen.sum()
     return float(np.min(alike[counted] / seen[counted]))
-
-
-def _shift(points: Array, by: int, axis: int) -> Array:
-    """Return the points of the next pixel, NaN beyond the border."""
-    shifted = np.roll(points, by, axis)
-    index = [slice(None)] * 3
-    index[axis] = slice(0, 1) if by > 0 else slice(-1, None)
-    shifted[tuple(index)] = np.nan
-    return shifted

@@ -12,7 +12,7 @@ MAX_RESOLUTION_RATIO = 2.0  # of the drawing's to the sphere's, either way, that
 MIN_USABLE_SHARE = 0.2  # of what is usable at the sphere: both kinds of error were alike on towns 3, 5, 7 and 11
 WINDOW = Spherical(96, 21, 96, 0.0, 13.5)  # of 40 degrees above and below the horizon, where cameras look
 SKY = np.float32(1 / 300.0)  # 1/m: what is farther tells no position
-NUM_DIRECTIONS = 6  # azimuths, over which the median is taken
+NUM_DIRECTIONS = 6  # azimuths, of which most count
 MAX_DOUBLINGS, NUM_BISECTIONS = 4, 3  # of the way in a direction, until it is too far; between both, then
 
 # Drawing and blending (test_synthesis, test_surface, test_scene)

@@ -1,4 +1,4 @@
-"""Kernels of view synthesis: a sphere cut into pieces of surface, these drawn with a z-buffer, drawings blended.
+"""Kernels of view synthesis: a sphere cut into pieces of surface, these drawn with a z-buffer.
 
 Nearness is the inverse of the range in 1/m: nearly linear across a plane, zero for the sky; NaN or 0 in a drawing:
 nothing. Pixels of a sphere are vertices; a *quad* has four of them as corners and may hold many between them.
@@ -25,27 +25,13 @@ from sphere_nav.photometric.align.iteration.kernels import (
     project,
     transform,
 )
+from sphere_nav.photometric.pixels.kernels import is_edge
 
 FAR_NEARNESS = np.float32(1e-6)  # 1/m, of what is so far that no motion moves it
 EDGE = np.float32(1e-4)  # of a triangle: pixels that lie on the edge of two belong to both
 MIN_AREA = np.float32(1e-6)  # px^2, twice the area of a triangle
 MAX_SPAN = 512  # px, of a quad in the drawing: wider ones touch the camera
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-
-
-@njit(**OPTIONS)
-def _breaks(before, a, b, after, share, floor):
-    """Say whether a surface ends between neighbours a and b.
-
-    It goes on where they differ little, by no more than one of its slopes beside (a crease), or as one continues.
-    """
-    small = max(floor, share * max(a, b))
-    if not abs(a - b) > small:
-        return False
-    sign = ONE if b > a else -ONE
-    if abs(a - b) <= max(sign * (a - before), sign * (after - b)) + small:
-        return False
-    return not (abs(a + a - before - b) <= small or abs(b + b - after - a) <= small)
 
 
 @njit(**OPTIONS)
@@ -59,11 +45,11 @@ def find_breaks(nearness, wraps, share, floor, breaks):
                 left = nearness[v, u - 1] if wraps or u > 0 else a
                 right, next_right = nearness[v, (u + 1) % width], nearness[v, (u + 2) % width]
                 next_right = next_right if wraps or u + 2 < width else right
-                found += 1 if _breaks(left, a, right, next_right, share, floor) else 0
+                found += 1 if is_edge(left, a, right, next_right, share, floor) else 0
             if v + 1 < height:
                 above, below = nearness[max(v - 1, 0), u], nearness[v + 1, u]
                 next_below = nearness[min(v + 2, height - 1), u]
-                found += 2 if _breaks(above, a, below, next_below, share, floor) else 0
+                found += 2 if is_edge(above, a, below, next_below, share, floor) else 0
             breaks[v, u] = found
 
 
@@ -114,27 +100,6 @@ def cut_quads(nearness, breaks, wraps, largest, share, floor, quads):
                         stack[waiting, 0], stack[waiting, 1] = v + (i // 2) * half, u + (i % 2) * half
                         stack[waiting, 2] = half
                         waiting += 1
-    return count
-
-
-@njit(**OPTIONS)
-def number_corners(quads, wraps, numbers, corners, pixels):
-    """Number the pixels that are corners in order of use: corners (Q, 4), pixels (N, 2) (v, u); return how many.
-
-    numbers (H, W) i32 starts as -1. Corners go around: upper left, upper right, lower right, lower left.
-    """
-    width, count = numbers.shape[1], 0
-    for q in range(quads.shape[0]):
-        v0, u0, size = quads[q, 0], quads[q, 1], quads[q, 2]
-        for i in range(4):
-            v = v0 + (size if i >= 2 else 0)
-            u = u0 + (size if i == 1 or i == 2 else 0)
-            u = u % width if wraps else u
-            if numbers[v, u] < 0:
-                numbers[v, u] = count
-                pixels[count, 0], pixels[count, 1] = v, u
-                count += 1
-            corners[q, i] = numbers[v, u]
     return count
 
 
@@ -231,75 +196,3 @@ def draw_quads(corners, placed, pixels, sphere_width, wraps, nearness, source):
         q[1], q[2] = placed[c, 2], placed[d, 2]
         u[1], u[2], v[1], v[2] = uc, ud, vc, vd
         _draw(x, y, q, u, v, wraps, nearness, source)
-
-
-@njit(**OPTIONS)
-def add_colors(image, wraps, nearness, source, nearest, agreement, floor, weight, total, weights):
-    """Add one drawing to the blend: total (H, W, 3) and weights (H, W), where it shows the nearest surface.
-
-    image (h, w, 3) u8 is the sphere's; nearest (H, W) the nearest of all drawings.
-    """
-    height, width = nearness.shape
-    rows, columns = image.shape[0], image.shape[1]
-    for row in range(height):
-        for column in range(width):
-            here, front = nearness[row, column], nearest[row, column]
-            if not here > ZERO or front - here > max(floor, agreement * front):
-                continue
-            u, v = source[row, column, 0], source[row, column, 1]
-            u, v = max(u, ZERO), min(max(v, ZERO), np.float32(rows - 1))
-            iu, iv = int(u), min(int(v), rows - 2)
-            du, dv = u - np.float32(iu), v - np.float32(iv)
-            nu = iu + 1
-            if wraps:
-                iu, nu = iu % columns, nu % columns
-            else:
-                iu, nu = min(iu, columns - 1), min(nu, columns - 1)
-            w00, w01 = (ONE - du) * (ONE - dv) * weight, du * (ONE - dv) * weight
-            w10, w11 = (ONE - du) * dv * weight, du * dv * weight
-            for k in range(3):
-                total[row, column, k] += (
-                    w00 * np.float32(image[iv, iu, k]) + w01 * np.float32(image[iv, nu, k])
-                    + w10 * np.float32(image[iv + 1, iu, k]) + w11 * np.float32(image[iv + 1, nu, k])
-                )  # fmt: skip
-            weights[row, column] += weight
-
-
-@njit(**OPTIONS)
-def divide_by_weights(total, weights, nearest, image, range_m):
-    """Divide by the weights: image (H, W, 3) u8, 0 in holes; range (H, W) f32 m, NaN in holes, +Inf far."""
-    height, width = weights.shape
-    for row in range(height):
-        for column in range(width):
-            weight = weights[row, column]
-            if weight > ZERO:
-                by_weight = ONE / weight
-                for k in range(3):
-                    gray = total[row, column, k] * by_weight + HALF
-                    image[row, column, k] = np.uint8(min(max(gray, ONE), np.float32(255.0)))
-                near = nearest[row, column]
-                range_m[row, column] = ONE / near if near > FAR_NEARNESS + FAR_NEARNESS else np.float32(np.inf)
-            else:
-                image[row, column, 0], image[row, column, 1], image[row, column, 2] = 0, 0, 0
-                range_m[row, column] = np.float32(np.nan)
-
-
-@njit(**OPTIONS)
-def close_pinholes(weights, min_known, image, range_m):
-    """Give a hole with at least `min_known` of 8 known neighbours their mean colour and their largest range."""
-    height, width = weights.shape
-    for row in range(1, height - 1):
-        for column in range(1, width - 1):
-            if weights[row, column] > ZERO:
-                continue
-            known, red, green, blue, farthest = 0, 0, 0, 0, ZERO
-            for i in range(row - 1, row + 2):
-                for j in range(column - 1, column + 2):
-                    if weights[i, j] > ZERO:
-                        known += 1
-                        red, green, blue = red + image[i, j, 0], green + image[i, j, 1], blue + image[i, j, 2]
-                        farthest = max(farthest, range_m[i, j])
-            if known >= min_known:
-                image[row, column, 0], image[row, column, 1] = red // known, green // known
-                image[row, column, 2] = blue // known
-                range_m[row, column] = farthest

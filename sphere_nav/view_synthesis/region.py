@@ -8,8 +8,6 @@ little of what is usable at the sphere itself is left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -33,12 +31,32 @@ from sphere_nav.view_synthesis.synthesis import draw_surfaces
 
 
 def region_radius(sphere: Sphere) -> float:
-    """Return the radius in m of the region around a sphere, the median over horizontal directions; 0 without range."""
-    reaches = _start(sphere)
-    while wanted := [one for one in reaches if not one.is_found and _may_be_median(one, reaches)]:
-        for reach in wanted:
-            reach.narrow()
-    return float(np.median([reach.middle for reach in reaches])) if reaches else 0.0
+    """Return the radius in m of the region around a sphere: up to where most directions are usable; 0 without range."""
+    small = coarse_sphere(sphere)
+    finite = small.range_m[np.isfinite(small.range_m)]
+    if not finite.size:
+        return 0.0
+    surface, low, high = surface_of(small), 0.0, float(np.median(finite))
+    needed = MIN_USABLE_SHARE * usable_share(surface, np.zeros(3))
+    for _ in range(MAX_DOUBLINGS):
+        if not _is_usable(surface, high, needed):
+            break
+        low, high = high, 2.0 * high
+    for _ in range(NUM_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _is_usable(surface, middle, needed) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _is_usable(surface: Surface, distance_m: float, needed: float) -> bool:
+    """Say whether in most horizontal directions enough is usable so far away."""
+    num_left, num_needed = NUM_DIRECTIONS, NUM_DIRECTIONS // 2 + 1
+    for azimuth in 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS:
+        shift_m = distance_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        num_left, num_needed = num_left - 1, num_needed - (usable_share(surface, shift_m) >= needed)
+        if not 0 < num_needed <= num_left:
+            break
+    return num_needed <= 0
 
 
 def usable_share(surface: Surface, shift_m: Array) -> float:
@@ -61,59 +79,3 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
 def _cosines() -> Array:
     """Return the cosine (rows, 1) of the elevation of the window's rows."""
     return np.cos(np.arcsin(pixel_rays(WINDOW)[:, :1, 2]))
-
-
-@dataclass
-class _Reach:
-    """How far one can go in a direction (3,) while enough is usable: from low to high m, or more while it is open."""
-
-    surface: Surface
-    direction: Array
-    needed: float
-    high: float
-    low: float = 0.0
-    doublings: int = MAX_DOUBLINGS  # that are left; 0: not open
-    bisections: int = NUM_BISECTIONS
-
-    @property
-    def is_found(self) -> bool:
-        return not self.doublings and not self.bisections
-
-    @property
-    def middle(self) -> float:
-        return 0.5 * (self.low + self.high)
-
-    @property
-    def end(self) -> float:
-        return np.inf if self.doublings else self.high
-
-    def narrow(self) -> None:
-        """Try one place."""
-        tried = self.high if self.doublings else self.middle
-        is_enough = usable_share(self.surface, tried * self.direction) >= self.needed
-        if self.doublings:
-            self.doublings = self.doublings - 1 if is_enough else 0
-            self.low, self.high = (tried, 2 * tried) if is_enough else (self.low, self.high)
-        else:
-            self.bisections -= 1
-            self.low, self.high = (tried, self.high) if is_enough else (self.low, tried)
-
-
-def _start(sphere: Sphere) -> list[_Reach]:
-    """Return the reach in every direction, of which nothing is known yet."""
-    small = coarse_sphere(sphere)
-    finite = small.range_m[np.isfinite(small.range_m)]
-    if not finite.size:
-        return []
-    surface, step_m = surface_of(small), float(np.median(finite))
-    needed = MIN_USABLE_SHARE * usable_share(surface, np.zeros(3))
-    azimuths = 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS
-    directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(NUM_DIRECTIONS)], axis=1)
-    return [_Reach(surface, direction, needed, step_m) for direction in directions]
-
-
-def _may_be_median(reach: _Reach, reaches: Sequence[_Reach]) -> bool:
-    """Say whether a reach may be one in the middle, by what is known of all: intervals are alike or do not overlap."""
-    below = sum(one.end <= reach.low for one in reaches)
-    above = sum(one.low >= reach.end for one in reaches)
-    return max(below, above) <= len(reaches) // 2

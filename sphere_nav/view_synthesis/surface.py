@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry.arrays import Bytes, Floats, Integers
 from sphere_nav.spheres.sphere import Sphere, to_rgb
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import BREAK, FLAT, PER_TURN
@@ -46,14 +46,16 @@ def surface_of(sphere: Sphere) -> Surface:
     with np.errstate(divide="ignore"):
         nearness = np.maximum(1.0 / sphere.range_m, kernels.FAR_NEARNESS).astype(np.float32)
     quads = _quads(nearness, camera)
-    numbers = np.full(nearness.shape, -1, np.int32)
-    corners, used = np.empty((len(quads), 4), np.int32), np.empty((nearness.size, 2), np.int32)
-    used = used[: kernels.number_corners(quads, wraps, numbers, corners, used)]
-    rays = camera.unproject(used[:, ::-1].astype(np.float64))
-    points = (rays / nearness[used[:, 0], used[:, 1], None]).astype(np.float32)
-    parts = [(points, used.astype(np.float32), corners)]
+    rows = quads[:, :1] + quads[:, 2:] * (0, 0, 1, 1)  # around: upper left, upper right, lower right, lower left
+    columns = (quads[:, 1:2] + quads[:, 2:] * (0, 1, 1, 0)) % camera.width
+    is_used = np.zeros(nearness.shape, np.bool_)
+    is_used[rows, columns] = True
+    numbers = np.cumsum(is_used).reshape(nearness.shape) - 1
+    used = np.argwhere(is_used)
+    points = (camera.unproject(used[:, ::-1]) / nearness[is_used][:, None]).astype(np.float32)
+    parts = [(points, used.astype(np.float32), numbers[rows, columns].astype(np.int32))]
     for row in (0, camera.height - 1) if wraps else ():
-        if np.all(numbers[row] >= 0):
+        if np.all(is_used[row]):
             parts.append(_cap(points[numbers[row]], numbers[row], row, sum(len(part[0]) for part in parts)))
     points, pixels, corners = (np.concatenate(one) for one in zip(*parts, strict=True))
     image = to_rgb(sphere.image)
@@ -71,7 +73,7 @@ def _quads(nearness: Floats, camera: Spherical) -> Indices:
     return quads[: kernels.cut_quads(nearness, breaks, camera.is_whole, largest, *FLAT, quads)]
 
 
-def _cap(ring: Floats, numbers: Indices, row: int, first: int) -> tuple[Floats, Floats, Indices]:
+def _cap(ring: Floats, numbers: Integers, row: int, first: int) -> tuple[Floats, Floats, Indices]:
     """Return the corners that close a whole sphere at a pole: triangles from the outermost row (W, 3) to one point.
 
     `first` is the number of the next corner; the pole has W of them, one for each column.

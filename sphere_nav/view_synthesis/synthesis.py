@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -49,16 +50,37 @@ def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     nearest = drawings[0][0]
     for nearness, _ in drawings[1:]:
         nearest = np.maximum(nearest, nearness)
-    total = np.zeros((*nearest.shape, 3), np.float32)
-    weights = np.zeros(nearest.shape, np.float32)
+    total, weights = np.zeros((*nearest.shape, 3), np.float32), np.zeros((*nearest.shape, 1), np.float32)
+    share, floor = SAME_SURFACE
     for one, (nearness, source) in zip(surfaces, drawings, strict=True):
-        surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
-        arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
-        kernels.add_colors(*arrays, *SAME_SURFACE, weight, total, weights)
-    image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
-    kernels.divide_by_weights(total, weights, nearest, image, range_m)
-    kernels.close_pinholes(weights, MIN_KNOWN_NEIGHBORS, image, range_m)
-    return SynthesizedView(image, range_m, ~np.isnan(range_m))
+        is_front = (nearness > 0.0) & (nearest - nearness <= np.maximum(floor, share * nearest))
+        weight = np.float32(max(one.weight, 1e-3)) * is_front[..., None]  # what one alone saw is never left out
+        total += weight * _colors_at(one.surface, source)
+        weights += weight
+    is_known = weights[..., 0] > 0.0
+    colors = np.clip(total / np.where(weights > 0.0, weights, 1.0) + 0.5, 1.0, 255.0) * is_known[..., None]
+    with np.errstate(divide="ignore"):
+        range_m = np.where(nearest > 2.0 * kernels.FAR_NEARNESS, 1.0 / nearest, np.inf).astype(np.float32)
+    return _close_pinholes(colors.astype(np.uint8), np.where(is_known, range_m, np.float32(np.nan)), is_known)
+
+
+def _colors_at(surface: Surface, source: Floats) -> Bytes:
+    """Return the colours (H, W, 3) of a sphere's image at places (u, v) (H, W, 2)."""
+    border = cv2.BORDER_WRAP if surface.camera.is_whole else cv2.BORDER_REPLICATE
+    rows = np.clip(source[..., 1], 0.0, surface.camera.height - 1.0)
+    return np.asarray(cv2.remap(surface.image, source[..., 0], rows, cv2.INTER_LINEAR, borderMode=border), np.uint8)
+
+
+def _close_pinholes(image: Bytes, range_m: Floats, is_known: Flags) -> SynthesizedView:
+    """Give holes with at least `MIN_KNOWN_NEIGHBORS` of 8 known neighbours their mean colour and largest range."""
+    number, total = (
+        cv2.boxFilter(one, cv2.CV_32F, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for one in (is_known.astype(np.uint8), image)
+    )
+    closed = ~is_known & (number >= MIN_KNOWN_NEIGHBORS)
+    farthest = cv2.dilate(np.nan_to_num(range_m, posinf=np.inf), np.ones((3, 3)))
+    image[closed], range_m[closed] = total[closed] / number[closed, None], farthest[closed]
+    return SynthesizedView(image, range_m, is_known | closed)
 
 
 def draw_surfaces(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
@@ -66,7 +88,7 @@ def draw_surfaces(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tup
     placed = np.empty((surface.points.shape[1], 3), np.float32)
     kernels.project_corners(surface.points, kernel_motion(T_camera_sphere.matrix), kernel_camera(camera), placed)
     nearness = np.zeros((camera.height, camera.width), np.float32)
-    source = np.empty((camera.height, camera.width, 2), np.float32)
+    source = np.zeros((camera.height, camera.width, 2), np.float32)
     wraps = isinstance(camera, Spherical) and camera.is_whole
     kernels.draw_quads(surface.corners, placed, surface.pixels, surface.camera.width, wraps, nearness, source)
     for pole in POLES if wraps else ():

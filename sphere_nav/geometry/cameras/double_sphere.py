@@ -34,8 +34,9 @@ class DoubleSphere(Focal):
 
     @cached_property
     def coefficients(self) -> Array:
-        """(fx, fy, cx, cy, xi, alpha)."""
-        return np.array([self.fx, self.fy, self.cx, self.cy, self.xi, self.alpha])
+        """Those of a pinhole (13), xi, alpha, and the least cosines seen from the first centre and the second."""
+        plane = (self.fx, self.fy, self.cx, self.cy, *(0.0,) * 8, np.inf)
+        return np.array([*plane, self.xi, self.alpha, -2.0, self.min_cosine])
 
     @property
     def pixels_per_radian(self) -> float:
@@ -54,7 +55,9 @@ class DoubleSphere(Focal):
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond the largest angle are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
-        _, shifted, second, divisor = self._terms(p)
+        shifted = self.xi * np.linalg.norm(p, axis=-1) + p[..., 2]
+        second = np.sqrt(p[..., 0] ** 2 + p[..., 1] ** 2 + shifted**2)
+        divisor = self.alpha * second + (1 - self.alpha) * shifted  # eq. 40 to 42
         valid = (shifted > self.min_cosine * second) & (divisor > TINY * second)
         factor = np.where(valid, 1.0 / np.where(valid, divisor, 1.0), np.nan)
         pixels = factor[..., None] * p[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
@@ -69,22 +72,3 @@ class DoubleSphere(Focal):
             mz = (1 - a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * r2) + 1 - a)
             scale = (mz * xi + np.sqrt(mz * mz + (1 - xi * xi) * r2)) / (mz * mz + r2)
         return np.concatenate([scale[..., None] * m, (scale * mz - xi)[..., None]], axis=-1)
-
-    def J_project(self, points: ArrayLike) -> Array:
-        """Return d pixel / d point (..., 2, 3)."""
-        p = np.asarray(points, dtype=np.float64)
-        distance, shifted, second, divisor = self._terms(p)
-        d_shifted = self.xi * p / distance[..., None] + (0.0, 0.0, 1.0)
-        d_second = (p * (1.0, 1.0, 0.0) + shifted[..., None] * d_shifted) / second[..., None]
-        d_divisor = self.alpha * d_second + (1 - self.alpha) * d_shifted
-        J = -p[..., :2, None] * (d_divisor / divisor[..., None] ** 2)[..., None, :]
-        J[..., 0, 0] += 1 / divisor
-        J[..., 1, 1] += 1 / divisor
-        return np.diag([self.fx, self.fy]) @ J
-
-    def _terms(self, p: Array) -> tuple[Array, Array, Array, Array]:
-        """Return d1, xi d1 + z, d2 and what x and y are divided by (eq. 40 to 42)."""
-        distance = np.linalg.norm(p, axis=-1)
-        shifted = self.xi * distance + p[..., 2]
-        second = np.sqrt(p[..., 0] ** 2 + p[..., 1] ** 2 + shifted**2)
-        return distance, shifted, second, self.alpha * second + (1 - self.alpha) * shifted

@@ -11,16 +11,16 @@ from numpy.polynomial import polynomial as poly
 from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array, Flags
-from sphere_nav.geometry.cameras.camera import MAX_LENGTH, NEWTON_STEPS, check_lens, check_size, inside
-from sphere_nav.geometry.cameras.fisheye import MIN_SINE, J_polar, polar
+from sphere_nav.geometry.cameras.camera import MAX_LENGTH, TABLE, Lens, check_lens, check_size, inside, invert
+from sphere_nav.geometry.cameras.fisheye import from_axis
 
 MIN_DETERMINANT = 0.1  # of the affine part, whose axes are nearly at right angles
-TABLE = 2000  # radii of the table that Newton's method starts from
 MAX_DEGREE = 19
+FITTED_DEGREE = 12  # of the angle, for kernels: within a thousandth of a pixel; align/iteration/test_kernels
 
 
 @dataclass(frozen=True)
-class OCam:
+class OCam(Lens):
     """Optical frame: z forward, x right, y down; OCamCalib, whose own axes are rows, columns, and z from the scene.
 
     A pixel's offset from the centre is A q with A = ((1, e), (d, c)); q lies on the ray (q, h(|q|)) with
@@ -51,9 +51,15 @@ class OCam:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(f, f c, cx, cy, c, d, e, largest angle, then the polynomial); f in px by the angle on the axis."""
-        f = self.polynomial[0]
-        return np.array([f, f * self.c, self.cx, self.cy, self.c, self.d, self.e, self.max_angle, *self.polynomial])
+        """(f, f c, cx, cy, f e, f d, largest angle, 1, then radius by f and angle as a polynomial of the angle).
+
+        f in px by the angle on the axis.
+        """
+        f, radii = self.polynomial[0], np.linspace(0.0, self._max_radius, TABLE)[1:]
+        angles = self._angle(radii)
+        by_angle = poly.Polynomial.fit(angles, radii / (f * angles), FITTED_DEGREE).convert().coef
+        affine = f, f * self.c, self.cx, self.cy, f * self.e, f * self.d
+        return np.array([*affine, self.max_angle, 1.0, *by_angle])
 
     @property
     def pixels_per_radian(self) -> float:
@@ -63,22 +69,23 @@ class OCam:
     @property
     def max_angle(self) -> float:
         """Largest angle from the axis up to which the image radius grows, as far as the image reaches."""
-        return float(self._angles[-1])
+        return float(self._angle(np.array(self._max_radius)))
 
     @cached_property
-    def _radii(self) -> Array:
-        """Radii (K,) from 0 to the farthest corner of the image, or to where the angle no longer grows."""
+    def _max_radius(self) -> float:
+        """Radius of the farthest corner of the image, or where the angle no longer grows."""
         corners = np.array([[u, v] for u in (-0.5, self.width - 0.5) for v in (-0.5, self.height - 0.5)])
         farthest = float(np.linalg.norm(self._offset(corners), axis=-1).max())
-        radii: Array = np.linspace(0.0, farthest, TABLE)
-        angles = np.arctan2(radii, poly.polyval(radii, self.polynomial))
-        falling = np.flatnonzero(np.diff(angles) <= 0)
-        return radii[: falling[0] + 1] if falling.size else radii
+        radii = np.linspace(0.0, farthest, TABLE)
+        falling = np.flatnonzero(np.diff(self._angle(radii)) <= 0)
+        return float(radii[falling[0]]) if falling.size else farthest
 
-    @cached_property
-    def _angles(self) -> Array:
-        angles: Array = np.arctan2(self._radii, poly.polyval(self._radii, self.polynomial))
-        return angles
+    def _angle(self, radius: Array) -> Array:
+        angle: Array = np.arctan2(radius, poly.polyval(radius, self.polynomial))
+        return angle
+
+    def _radius(self, angle: Array) -> Array:
+        return invert(self._angle, self._max_radius, angle)
 
     @property
     def _affine(self) -> Array:
@@ -86,34 +93,18 @@ class OCam:
 
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
-        p = np.asarray(points, dtype=np.float64)
-        sine, angle, _, _ = polar(p)
-        valid = (angle <= self.max_angle) & ((sine > MIN_SINE) | (p[..., 2] > 0))
-        direction = p[..., :2] / sine[..., None]
-        q = np.where(valid, self._radius(angle), np.nan)[..., None] * direction
-        pixels = q @ self._affine.T + (self.cx, self.cy)
+        angle, direction = from_axis(points, self.max_angle)
+        pixels = (self._radius(angle)[..., None] * direction) @ self._affine.T + (self.cx, self.cy)
         return pixels, inside(pixels, self)
 
     def unproject(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3); NaN beyond the radius up to which the angle grows."""
         q = self._offset(np.asarray(pixels, dtype=np.float64))
         radius = np.linalg.norm(q, axis=-1)
-        height = np.where(radius <= self._radii[-1], poly.polyval(radius, self.polynomial), np.nan)
+        height = np.where(radius <= self._max_radius, poly.polyval(radius, self.polynomial), np.nan)
         ray = np.concatenate([q, height[..., None]], axis=-1)
         unit: Array = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
         return unit
-
-    def J_project(self, points: ArrayLike) -> Array:
-        """Return d pixel / d point (..., 2, 3)."""
-        p = np.asarray(points, dtype=np.float64)
-        _, angle, _, _ = where = polar(p)
-        radius = self._radius(angle)
-        return self._affine @ J_polar(p, where, radius, 1.0 / self._slope(radius))
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level, whose radii are half as long."""
-        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        return replace(self.scaled(0.5), width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)
 
     def scaled(self, factor: float) -> Self:
         """Return the camera whose image is magnified about its centre, in an image of the same size."""
@@ -123,17 +114,3 @@ class OCam:
     def _offset(self, pixels: Array) -> Array:
         offset: Array = (pixels - (self.cx, self.cy)) @ np.linalg.inv(self._affine).T
         return offset
-
-    def _radius(self, angle: Array) -> Array:
-        """Return image radii of angles up to `max_angle`, from the table to rounding by Newton's method."""
-        radius = np.interp(angle, self._angles, self._radii)
-        for _ in range(NEWTON_STEPS // 4):
-            error = np.arctan2(radius, poly.polyval(radius, self.polynomial)) - angle
-            radius = np.clip(radius - error / self._slope(radius), 0.0, self._radii[-1])
-        return radius
-
-    def _slope(self, radius: Array) -> Array:
-        """Return d angle / d radius."""
-        h, by_r = poly.polyval(radius, self.polynomial), poly.polyval(radius, poly.polyder(self.polynomial))
-        slope: Array = (h - radius * by_r) / (radius**2 + h**2)
-        return slope

@@ -41,8 +41,8 @@ class Omni(Focal):
 
     @cached_property
     def coefficients(self) -> Array:
-        """(fx, fy, cx, cy, k1, k2, p1, p2, k3, xi, largest squared radius on the plane)."""
-        return np.array([*self._plane.coefficients[:9], self.xi, self.max_radius**2])
+        """Those of the pinhole (13), xi, 0, and the least cosines seen from both centres (`DoubleSphere`)."""
+        return np.array([*self._plane.coefficients[:12], self.max_radius**2, self.xi, 0.0, self.min_cosine, -2.0])
 
     @property
     def pixels_per_radian(self) -> float:
@@ -68,7 +68,8 @@ class Omni(Focal):
         p = np.asarray(points, dtype=np.float64)
         distance = np.linalg.norm(p, axis=-1)
         valid = p[..., 2] > self.min_cosine * distance
-        return self._plane.project(np.where(valid[..., None], self._shifted(p, distance), np.nan))
+        shifted = p + (self.xi * distance)[..., None] * np.array([0.0, 0.0, 1.0])
+        return self._plane.project(np.where(valid[..., None], shifted, np.nan))
 
     def unproject(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3); NaN where the model has no ray."""
@@ -79,16 +80,3 @@ class Omni(Focal):
             scale = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * r2)) / (1.0 + r2)
         rays: Array = np.concatenate([scale[..., None] * xy, (scale - self.xi)[..., None]], axis=-1)
         return rays
-
-    def J_project(self, points: ArrayLike) -> Array:
-        """Return d pixel / d point (..., 2, 3): of the plane, after d (x, y, z + xi d) / d point."""
-        p = np.asarray(points, dtype=np.float64)
-        distance = np.linalg.norm(p, axis=-1)
-        J = self._plane.J_project(self._shifted(p, distance) / distance[..., None]) / distance[..., None, None]
-        with_xi: Array = J + J[..., :, 2:] * (self.xi * p / distance[..., None])[..., None, :]
-        return with_xi
-
-    def _shifted(self, p: Array, distance: Array) -> Array:
-        """Return points (..., 3) as the pinhole behind the sphere sees them."""
-        shifted: Array = p + (self.xi * distance)[..., None] * np.array([0.0, 0.0, 1.0])
-        return shifted

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array, Flags
-from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
+from sphere_nav.geometry.cameras.camera import DERIVATIVE_STEP, NEWTON_STEPS, Focal, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
@@ -75,39 +75,18 @@ class Pinhole(Focal):
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         return rays
 
-    def J_project(self, points: ArrayLike) -> Array:
-        """Return d pixel / d point (..., 2, 3), the product of lens, distortion and perspective."""
-        p = np.asarray(points, dtype=np.float64)
-        inverse_z = 1.0 / p[..., 2]
-        xy = p[..., :2] * inverse_z[..., None]
-        J_perspective = np.zeros((*p.shape[:-1], 2, 3))
-        J_perspective[..., 0, 0] = J_perspective[..., 1, 1] = inverse_z
-        J_perspective[..., :, 2] = -xy * inverse_z[..., None]
-        return np.diag([self.fx, self.fy]) @ self._J_distort(xy) @ J_perspective
-
     def _undistort(self, target: Array) -> Array:
         xy = target
         with np.errstate(all="ignore"):  # rays that do not exist run away and are refused below
             for _ in range(NEWTON_STEPS):
-                error, J = self._distort(xy) - target, self._J_distort(xy)
-                determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-                step_x = J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]
-                step_y = J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]
-                xy = xy - np.stack([step_x, step_y], axis=-1) / determinant[..., None]
+                found = self._distort(xy)
+                a, b = (self._distort(xy + DERIVATIVE_STEP * axis) - found for axis in np.eye(2))
+                error = DERIVATIVE_STEP * (found - target)
+                step = np.stack([_determinant(error, b), _determinant(a, error)], axis=-1)
+                xy = xy - step / _determinant(a, b)[..., None]
             off = np.linalg.norm(self._distort(xy) - target, axis=-1)
             good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
         return np.where(good[..., None], xy, np.nan)
-
-    def _terms(self, xy: Array) -> tuple[Array, Array, Array, Array, Array, float, float]:
-        x, y = xy[..., 0], xy[..., 1]
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._padded
-        r2 = x * x + y * y
-        numerator, denominator = self._fraction(r2)
-        d_numerator = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-        d_denominator = k4 + r2 * (2 * k5 + 3 * r2 * k6)
-        radial = numerator / denominator
-        d_radial = (d_numerator - radial * d_denominator) / denominator  # by r^2
-        return x, y, r2, radial, d_radial, p1, p2
 
     def _fraction(self, r2: Array) -> tuple[Array, Array]:
         """Return numerator and denominator of the radial distortion at squared radii."""
@@ -117,15 +96,13 @@ class Pinhole(Focal):
     def _distort(self, xy: Array) -> Array:
         if not self.is_distorted:
             return xy
-        x, y, r2, radial, _, p1, p2 = self._terms(xy)
-        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        x, y = xy[..., 0], xy[..., 1]
+        r2, (_, _, p1, p2, *_) = x * x + y * y, self._padded
+        numerator, denominator = self._fraction(r2)
+        u = x * numerator / denominator + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * numerator / denominator + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack([u, v], axis=-1)
 
-    def _J_distort(self, xy: Array) -> Array:
-        x, y, _, radial, d_radial, p1, p2 = self._terms(xy)
-        J = np.empty((*xy.shape[:-1], 2, 2))
-        J[..., 0, 0] = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x
-        J[..., 0, 1] = J[..., 1, 0] = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y
-        J[..., 1, 1] = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x
-        return J
+
+def _determinant(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

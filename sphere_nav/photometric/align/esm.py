@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
-from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent
-from sphere_nav.photometric.align.rig import RigImage, RigProblem, share_pixels
+from sphere_nav.photometric.align.judgement import classify
+from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent, Problem
+from sphere_nav.photometric.align.rig import RigImage, image_overlap, share_pixels
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
@@ -39,11 +42,11 @@ def register_rig(
     coarsest = min(params.pyramid.coarsest, max(len(image.pyramid.levels) for image in images) - 1)
     finest = min(params.pyramid.finest, coarsest)
     for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
-        problem = RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion, expected)
+        problem = Problem.choose_pixels(images, index, state.T_world_body, share, motion, expected)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
         descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations
-    return problem.classify(descent, iterations, params)
+    return _judge(images, problem, descent, iterations, params)
 
 
 def register(
@@ -65,7 +68,17 @@ def evaluate(
     params, images = params or RegistrationParams(), [RigImage(pyramid, views=tuple(views))]
     _check(images)
     stay = Descent(_start(images, T_world_camera), 0, 0.0, is_determined=True)
-    return RigProblem.choose_pixels(images, 0, T_world_camera, params).classify(stay, 0, params)
+    return _judge(images, Problem.choose_pixels(images, 0, T_world_camera, params), stay, 0, params)
+
+
+def _judge(
+    images: Sequence[RigImage], problem: Problem, descent: Descent, iterations: int, params: RegistrationParams
+) -> Alignment:
+    """Say what the last descent has found, after so many iterations; compare once more where it did not end."""
+    found, T_world_body = descent.found or problem.compare(descent.state), descent.state.T_world_body
+    overlaps = [image_overlap(image.pyramid, image.views, image.pose(T_world_body)) for image in images]
+    known, _ = problem.expected.pull_at(T_world_body)
+    return classify(found, descent, iterations, float(np.mean(overlaps)), params, known)
 
 
 def _start(images: Sequence[RigImage], T_world_body: SE3) -> AlignmentState:

@@ -41,14 +41,13 @@ UNKNOWN = np.diag(np.full(6, np.inf))
 
 def classify(
     found: Sequence[ViewComparison],
-    H: Array,
     descent: Descent,
     iterations: int,
     overlap: float,
     params: RegistrationParams,
-    known: Array | None = None,
+    known: Array,
 ) -> Alignment:
-    """Say what was found by the comparison of all views; H over (xi, gain 1, bias 1, ...) is that of them together.
+    """Say what was found by the comparison of all views, after so many iterations in all.
 
     `known` (6, 6) is the information on the pose that does not come from the images.
     """
@@ -58,7 +57,7 @@ def classify(
         return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = sum(view.mad * view.num_visible for view in found) / num_pixels
     correlated = correlated_pixels(found, params.correlated_pixels)
-    covariance, condition = _covariance(H, correlated * known if known is not None else np.zeros((6, 6)))
+    covariance, condition = _covariance(normal_matrix(found), correlated * known)
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE
@@ -69,7 +68,7 @@ def classify(
     if reason != alignment.LOW_TEXTURE:
         covariance = covariance * correlated
     return Alignment(
-        T_world_camera=state.T_world_camera.orthonormal(),  # the first guess was a product of many
+        T_world_camera=state.T_world_body.orthonormal(),  # the first guess was a product of many
         covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
         reason=reason,
         iterations=iterations,
@@ -89,14 +88,14 @@ def normal_matrix(found: Sequence[ViewComparison]) -> Array:
     H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
     for index, view in enumerate(found):
         kernels.unpack_sums(view.pieces.sum(axis=0), h, q)
-        kernels.to_camera_tangent(view.T_camera_reference, h, q)
+        kernels.to_body_tangent(view.T_body_reference, h, q)
         kernels.join_view(index, h, q, view.sigma, H, g)
     return H
 
 
 def _refuse(state: AlignmentState, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
     gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
-    pose = state.T_world_camera.orthonormal()
+    pose = state.T_world_body.orthonormal()
     return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
 
 

@@ -1,12 +1,15 @@
-"""The least-squares problem of one pyramid level: chosen pixels of all views, one pose, a gain and bias each."""
+"""The least-squares problem of one pyramid level: chosen pixels of all views, one pose, a gain and bias each.
+
+A view knows the camera that sees it and where that is on the body (M15 eq. 8, 19): several cameras are more views.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.geometry import SE3, FrameMotion
@@ -14,25 +17,26 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.projection import KernelCamera, rolling
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import NO_FLOATS, Level
-from sphere_nav.photometric.pixels.reference import Selection, View
+from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.pixels.reference import Selection
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
-MAX_VIEWS = kernels.MAX_VIEWS
+MAX_VIEWS, MANY_VIEWS = 4, 24  # of an image; of several, or a multiple: kernels are compiled for each such number
 
 
 @dataclass(frozen=True)
 class AlignmentState:
     """What is estimated: the pose, and a gain and bias (num_views, 2) that map grey levels to each reference's."""
 
-    T_world_camera: SE3
+    T_world_body: SE3
     light: Array
 
     @staticmethod
-    def start(T_world_camera: SE3, num_views: int) -> AlignmentState:
+    def start(T_world_body: SE3, num_views: int) -> AlignmentState:
         """Return the first guess: the given pose, the same light."""
-        return AlignmentState(T_world_camera, np.tile([1.0, 0.0], (num_views, 1)))
+        return AlignmentState(T_world_body, np.tile([1.0, 0.0], (num_views, 1)))
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ class ViewComparison:
     `correlation` is (sum of reference, of current, of their product, of both squares) over the visible pixels.
     """
 
-    T_camera_reference: Array
+    T_body_reference: Array
     median: float
     mad: float
     sigma: float
@@ -68,102 +72,117 @@ class ViewComparison:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """The views of one level with their chosen pixels; the camera as it moved within the frame, as far as is known."""
+class SeenView:
+    """A view with its chosen pixels, and the camera that sees it as it moved within the frame, as far as is known."""
 
-    selections: tuple[Selection, ...]
-    T_world_reference: tuple[SE3, ...]
+    T_world_reference: SE3
+    selection: Selection
     level: Level
-    params: RegistrationParams
     kernel_camera: KernelCamera
+    T_camera_body: Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The views of one level, and what is known of the pose."""
+
+    views: tuple[SeenView, ...]
+    params: RegistrationParams
+    expected: Expectation = NO_EXPECTATION
 
     @staticmethod
     def choose_pixels(
-        level: Level,
-        views: Sequence[View],
-        T_world_camera: SE3,
+        images: Sequence[RigImage],
+        index: int,
+        T_world_body: SE3,
         params: RegistrationParams,
         motion: FrameMotion | None = None,
-    ) -> Problem:
-        """Pick the most salient pixels that the camera sees from the guessed pose, s(.) of M15 eq. 16."""
-        share = params.max_pixels // len(views)
-        T_camera_world, camera = T_world_camera.inverse(), level.camera
-        selections = (
-            choose_pixels(view.reference.level_like(camera), T_camera_world @ view.T_world_reference, camera, share)
-            for view in views
-        )
-        moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
-        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
-
-    def descend(
-        self,
-        state: AlignmentState,
-        limit: int,
         expected: Expectation = NO_EXPECTATION,
-        *,
-        is_rotation: bool = False,
-    ) -> Descent:
+    ) -> Problem:
+        """Pick the most salient pixels that each camera sees from the guessed pose, s(.) of M15 eq. 16.
+
+        At a level, or at its coarsest where an image has fewer.
+        """
+        views = []
+        for image in images:
+            level, T_world_camera = image.level(index), image.pose(T_world_body)
+            T_camera_world, camera, within = T_world_camera.inverse(), level.camera, image.motion(motion)
+            T_camera_body = rows_of(image.mount.inverse())
+            moving = level.kernel_camera if within is None else rolling(camera, within.twist(T_world_camera))
+            for view in image.views:
+                pixels, share = view.reference.level_like(camera), params.max_pixels // len(image.views)
+                chosen = choose_pixels(pixels, T_camera_world @ view.T_world_reference, camera, share)
+                views.append(SeenView(view.T_world_reference, chosen, level, moving, T_camera_body))
+        return Problem(tuple(views), params, expected)
+
+    def descend(self, state: AlignmentState, limit: int, *, is_rotation: bool = False) -> Descent:
         """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
-        T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
-        light[: len(state.light)] = state.light
-        params, (facts, pieces) = self.params, _room()
-        depth = min(selection.typical_range for selection in self.selections)
-        stop = (params.min_step, self.level.camera.pixels_per_radian, depth, float(params.min_pixels))
-        moving, end = (T_world_camera, light), (stop, limit, is_rotation)
-        known = self._robust, expected.weighted(params.correlated_pixels)
+        T_world_body, light = state.T_world_body.matrix[:3].copy(), state.light.copy()
+        params, (facts, pieces) = self.params, self._room()
+        scales = np.array([(one.level.camera.pixels_per_radian, one.selection.typical_range) for one in self.views])
+        end = scales, (params.min_step, float(params.min_pixels)), limit, is_rotation
+        known = self._robust, self.expected.weighted(params.correlated_pixels)
         iterations, motion, is_determined = kernels.descend(
-            *self._views, *self._image, *moving, *known, *end, facts, pieces
+            *self._views, T_world_body, light, *known, *end, facts, pieces
         )
-        pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
-        last = AlignmentState(SE3(pose), light[: len(state.light)])
+        pose = np.concatenate([T_world_body, [[0.0, 0.0, 0.0, 1.0]]])
+        last = AlignmentState(SE3(pose), light)
         is_still = is_determined and iterations > 0 and motion < params.min_step
         found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
         return Descent(last, iterations, motion, is_determined, found)
 
     def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
-        T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
-        args = T_world_camera, state.light, self._robust
-        H, g, visible = kernels.linearize(*self._views, *self._image, *args, *_room())
+        T_world_body = np.ascontiguousarray(state.T_world_body.matrix[:3])
+        H, g, visible = kernels.linearize(*self._views, T_world_body, state.light, self._robust, *self._room())
         return H, g, int(visible)
 
     def compare(self, state: AlignmentState) -> list[ViewComparison]:
-        """Compare the image with every view at a state, each pixel once more."""
-        T_camera_world, (facts, pieces) = state.T_world_camera.inverse(), _room()
-        for index, (selection, T_world_reference) in enumerate(
-            zip(self.selections, self.T_world_reference, strict=True)
-        ):
-            T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
-            light = state.light[index].tolist()
-            kernels.examine(selection.blocks, T, *self._image, *light, *self._robust, facts[index], pieces[index])
+        """Compare the images with every view at a state, each pixel once more."""
+        facts, pieces = self._room()
+        for index, (one, T_body_reference) in enumerate(zip(self.views, self._from_body(state), strict=True)):
+            T = kernels.compose(one.T_camera_body, T_body_reference)
+            image, light = (one.kernel_camera, one.level.samples), state.light[index].tolist()
+            kernels.examine(one.selection.blocks, T, *image, *light, *self._robust, facts[index], pieces[index])
         return self._comparisons(state, facts, pieces)
 
     def _comparisons(self, state: AlignmentState, facts: Array, pieces: Array) -> list[ViewComparison]:
         """Return what `examine` has written of every view."""
-        T_camera_world, found = state.T_world_camera.inverse(), []
-        for index, T_world_reference in enumerate(self.T_world_reference):
+        found = []
+        for index, T_body_reference in enumerate(self._from_body(state)):
             median, mad, num_visible, num_inliers, num_pieces, *_ = facts[index].tolist()
             sigma = max(SIGMA_OF_MAD * mad, self.params.min_sigma)
-            T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
             sums = facts[index, kernels.SUM_REFERENCE :], pieces[index, : int(num_pieces)]
-            found.append(ViewComparison(T, median, mad, sigma, int(num_visible), int(num_inliers), *sums))
+            counts = int(num_visible), int(num_inliers)
+            found.append(ViewComparison(T_body_reference, median, mad, sigma, *counts, *sums))
         return found
 
-    @property
-    def _views(self) -> tuple[tuple[NDArray[np.float32], ...], int, Array]:
-        blocks = [selection.blocks for selection in self.selections]
-        T_world_reference = np.stack([T.matrix[:3] for T in self.T_world_reference])
-        return (*blocks, *[NO_FLOATS] * (MAX_VIEWS - len(blocks))), len(blocks), T_world_reference
+    def _from_body(self, state: AlignmentState) -> list[Array]:
+        """Return where the references of the views are from the body, (3, 4) each."""
+        T_body_world = state.T_world_body.inverse()
+        return [rows_of(T_body_world @ one.T_world_reference) for one in self.views]
 
     @property
-    def _image(self) -> tuple[object, object]:
-        return self.kernel_camera, self.level.samples
+    def _views(self) -> tuple[Any, ...]:
+        """Blocks, cameras and images of the views as the kernels take them, their number, and their poses (N, 3, 4)."""
+        number = len(self.views)
+        rest = (MAX_VIEWS if number <= MAX_VIEWS else -(-number // MANY_VIEWS) * MANY_VIEWS) - number
+        seen = [*self.views, *[self.views[0]] * rest]
+        blocks = tuple(one.selection.blocks for one in seen)
+        cameras, images = tuple(one.kernel_camera for one in seen), tuple(one.level.samples for one in seen)
+        T_world_reference = np.stack([rows_of(one.T_world_reference) for one in self.views])
+        return blocks, cameras, images, number, T_world_reference, np.stack([one.T_camera_body for one in self.views])
+
+    def _room(self) -> tuple[Array, Array]:
+        """Return room for the facts (N, NUM_FACTS) of the views and the sums of their pieces."""
+        number = len(self.views)
+        return np.empty((number, kernels.NUM_FACTS)), np.empty((number, kernels.NUM_PIECES, kernels.NUM_SUMS))
 
     @property
     def _robust(self) -> tuple[float, float]:
         return self.params.huber, self.params.min_sigma
 
 
-def _room() -> tuple[Array, Array]:
-    """Return room for the facts (MAX_VIEWS, NUM_FACTS) of views and the sums of their pieces."""
-    return np.empty((MAX_VIEWS, kernels.NUM_FACTS)), np.empty((MAX_VIEWS, kernels.NUM_PIECES, kernels.NUM_SUMS))
+def rows_of(T: SE3) -> Array:
+    """Return the upper rows (3, 4) of a motion, as kernels take it."""
+    return np.ascontiguousarray(T.matrix[:3])

@@ -16,19 +16,19 @@ Floats = NDArray[np.float32]
 KernelCamera: TypeAlias = tuple[int, Floats, Floats]
 
 MODELS = {
-    "pinhole": kernels.PINHOLE,
-    "fisheye": kernels.FISHEYE,
+    "pinhole": kernels.PLANE,
+    "double_sphere": kernels.PLANE,
+    "omni": kernels.PLANE,
+    "fisheye": kernels.RADIAL,
+    "ocam": kernels.RADIAL,
     "spherical": kernels.SPHERICAL,
-    "double_sphere": kernels.DOUBLE_SPHERE,
-    "omni": kernels.OMNI,
-    "ocam": kernels.OCAM,
 }
 EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
 
 
 @lru_cache(maxsize=64)
 def kernel_camera(camera: Camera) -> KernelCamera:
-    """Return model number, coefficients (28,) and shutter (8,), a global one, float32, as the kernels take them."""
+    """Return model number, coefficients (21,) and shutter (8,), a global one, float32, as the kernels take them."""
     coefficients = np.zeros(kernels.NUM_COEFFICIENTS, np.float32)
     coefficients[: camera.coefficients.size] = camera.coefficients
     return MODELS[camera.model], coefficients, np.zeros(8, np.float32)

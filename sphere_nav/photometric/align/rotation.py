@@ -30,10 +30,10 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     level = now.levels[-1]
     everywhere_far = np.full((level.camera.height, level.camera.width), np.inf, np.float32)
     pixels = prepare_level(before.levels[-1], everywhere_far, params.far)
-    view = View(Reference((pixels,)), SE3.identity())
-    problem = Problem.choose_pixels(level, [view], SE3.identity(), params)
+    image = RigImage(Pyramid((level,)), views=(View(Reference((pixels,)), SE3.identity()),))
+    problem = Problem.choose_pixels([image], 0, SE3.identity(), params)
     descent = problem.descend(AlignmentState.start(SE3.identity(), 1), ROTATION_ITERATIONS, is_rotation=True)
-    return descent.state.T_world_camera if descent.is_determined else SE3.identity()
+    return descent.state.T_world_body if descent.is_determined else SE3.identity()
 
 
 def register_rig_rotation(
@@ -44,7 +44,7 @@ def register_rig_rotation(
     for image in now:
         if image.name in earlier:
             T_before_now = register_rotation(image.pyramid, earlier[image.name].pyramid, params)
-            R = np.eye(3) if image.T_body_camera is None else image.T_body_camera.rotation
+            R = image.mount.rotation
             return SE3.from_parts(R @ T_before_now.rotation @ R.T, np.zeros(3))
     return None
 

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import CameraSamples
 
 Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
+FIELDS = ("current", "residual", "at")  # of a sample
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 
 
@@ -40,23 +42,19 @@ def linearize_samples(cameras: CameraSamples, orders: Orders) -> LeastSquares | 
 
     Columns of a view: gain, bias, and how the gain varies over the image.
     """
-    views = [(place, sample) for place, samples in cameras for sample in samples]
-    if not views:
+    if not any(len(sample) for _, sample in cameras):
         return None
-    counts, width = [len(sample.residual) for _, sample in views], 2 + len(orders)
-    owner = np.repeat(np.arange(len(views)), counts)
-    J, first = np.zeros((len(owner), 6 + width * len(views))), 0
-    highest = max((max(order) for order in orders), default=0)
-    for index, (place, sample) in enumerate(views):
-        rows, column = slice(first, first + counts[index]), 6 + width * index
-        J[rows, :6] = sample.by_pose if place is None else sample.by_pose @ place.inverse().adjoint()
-        half = 0.5 * np.pi * (sample.at + 1.0)
-        u, v = ([np.cos(k * axis) for k in range(highest + 1)] for axis in half.T)
-        J[rows, column], J[rows, column + 1] = sample.current, 1.0
-        for k, (i, j) in enumerate(orders):
-            J[rows, column + 2 + k] = sample.current * u[i] * v[j]
-        first = rows.stop
-    return J, np.concatenate([sample.residual for _, sample in views]), owner
+    pixels = [sample for _, sample in cameras]
+    by_pose = np.concatenate([sample.by_pose @ place.inverse().adjoint() for place, sample in cameras])
+    current, residual, at = (np.concatenate([getattr(one, name) for one in pixels]) for name in FIELDS)
+    views = np.concatenate([MAX_VIEWS * index + one.view for index, one in enumerate(pixels)])
+    names, owner = np.unique(views, return_inverse=True)
+    u, v = 0.5 * np.pi * (at.T + 1.0)
+    light = [current, np.ones_like(current), *(current * np.cos(i * u) * np.cos(j * v) for i, j in orders)]
+    J, width = np.zeros((len(owner), 6 + len(light) * len(names))), len(light)
+    J[:, :6] = by_pose
+    J[np.arange(len(owner))[:, None], 6 + width * owner[:, None] + np.arange(width)] = np.stack(light, axis=1)
+    return J, residual, owner
 
 
 def solve_robustly(

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import FrameMotion, Spherical
@@ -103,7 +104,7 @@ def measure_stretches(
     motion: FrameMotion | None = None,
 ) -> list[Stretch]:
     """Return the stretch of each camera, to first order; none of whole spheres, or of few cells."""
-    seen = [(one.T_body_camera, parts) for one, parts in sample_images(images, alignment, params, motion)]
+    seen = [(one.mount, sample) for one, sample in sample_images(images, alignment, params, motion)]
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
     return solve_stretches(seen, lenses, params)
 
@@ -111,10 +112,11 @@ def measure_stretches(
 def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str], params: RegistrationParams) -> list[Stretch]:
     """Return the stretch of the cameras that have a lens, named by their place; none where too few cells are seen."""
     column, parts = {k: POSE + number for number, k in enumerate(lenses)}, []
-    for k, (place, samples) in enumerate(cameras):
-        turn = np.eye(POSE) if place is None else place.inverse().adjoint()
-        for sample in samples:
-            J = np.zeros((len(sample.residual), POSE + len(lenses)))
+    for k, (place, every) in enumerate(cameras):
+        turn = place.inverse().adjoint()
+        for view in np.unique(every.view):
+            sample = every.where(every.view == view)
+            J = np.zeros((len(sample), POSE + len(lenses)))
             J[:, :POSE] = sample.by_pose @ turn
             if k in column:
                 J[:, column[k]] = sample.by_stretch
@@ -122,19 +124,16 @@ def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str], params: R
     if not parts:
         return []
     J, residual = (np.concatenate([part[which] for part in parts]) for which in (0, 1))
-    numbers = [index * CELLS[0] * CELLS[1] + part[2] for index, part in enumerate(parts)]
-    cells, owner = np.unique(np.concatenate(numbers), return_inverse=True)
-    if len(cells) < MIN_LENS_CELLS:
+    cells = np.concatenate([index * CELLS[0] * CELLS[1] + part[2] for index, part in enumerate(parts)])
+    if len(np.unique(cells)) < MIN_LENS_CELLS:
         return []
     x = np.zeros(J.shape[1])
     for _ in range(LENS_REWEIGHTINGS):
         weight, _ = weigh(residual + J @ x, params.huber, params.min_sigma)
         inverse = scaled_inverse((weight[:, None] * J).T @ J)
         x = -inverse @ (J.T @ (weight * residual))
-    pulls = np.zeros((len(cells), len(x)))
-    np.add.at(pulls, owner, (weight * (residual + J @ x))[:, None] * J)
-    freedom = len(pulls) / (len(pulls) - len(x))
-    sigma = np.sqrt(freedom * np.sum((pulls @ inverse) ** 2, axis=0))
+    gradients = (weight * (residual + J @ x))[:, None] * J
+    sigma = np.sqrt(np.diagonal(clustered_covariance(inverse, gradients, cells, len(x))))
     by_share = inverse[:POSE, POSE:] @ np.linalg.inv(inverse[POSE:, POSE:])
     return [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - POSE]) for k, own in column.items()]
 

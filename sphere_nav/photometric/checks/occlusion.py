@@ -11,7 +11,6 @@ The pose by the agreeing cells alone, found by a few steps, says how far the occ
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -67,26 +66,22 @@ def exclude_occlusion(sampler: Sampler) -> Sampler:
 
 def _by_reference(cameras: CameraSamples) -> CameraSamples:
     """Return the pixels with the gradients of the reference for those of the image, whose gain is biased, too."""
-    return [(place, [replace(one, of_image=one.of_reference) for one in samples]) for place, samples in cameras]
+    return [(place, replace(one, of_image=one.of_reference)) for place, one in cameras]
 
 
 def _number(cameras: CameraSamples) -> int:
     """Return how many pixels there are."""
-    return sum(len(sample.residual) for _, samples in cameras for sample in samples)
+    return sum(len(sample) for _, sample in cameras)
 
 
 def _agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
     """Return the share 0..1 of the texture in cells that do not agree, and the pixels of the others."""
-    kept: list[tuple[SE3 | None, list[Sample]]] = []
+    kept: list[tuple[SE3, Sample]] = []
     strength = np.zeros((2, 2))  # of references and image: all of it, what agrees
-    for place, samples in cameras:
-        agrees, parts = _cells_that_agree(samples), list[Sample]()
-        for sample in samples:
-            part = sample.where(agrees[cell_of(sample, CELLS)])
-            strength += [_strength(sample), _strength(part)]
-            if len(part.residual) >= MIN_VIEW_PIXELS:
-                parts.append(part)
-        kept.append((place, parts))
+    for place, sample in cameras:
+        part = sample.where(_cells_that_agree(sample)[cell_of(sample, CELLS)])
+        strength += [_strength(sample), _strength(part)]
+        kept.append((place, part.of_views(MIN_VIEW_PIXELS)))
     return float(np.max(1.0 - strength[1] / np.maximum(strength[0], TINY))), kept
 
 
@@ -97,9 +92,9 @@ def _strength(sample: Sample) -> Array:
     return np.array([float(square @ np.einsum("ni,ni->n", rows, rows)) for rows in gradients])
 
 
-def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
+def _cells_that_agree(sample: Sample) -> NDArray[np.bool_]:
     """Return for each cell of an image whether it shows what the references do; true where that is not sure."""
-    found = cosines_by_cell(samples, CELLS, MIN_CELL_PIXELS)
+    found = cosines_by_cell(sample, CELLS, MIN_CELL_PIXELS)
     scatter = (found.weight * (found.cosine - found.mean[found.cell])) ** 2
     variance = np.bincount(found.cell, scatter, math.prod(CELLS)) / np.maximum(found.total, TINY) ** 2
     return ~found.known | (found.mean + CELL_SIGMAS * np.sqrt(variance) >= MIN_COSINE_RATIO * found.typical)
@@ -107,12 +102,6 @@ def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
 
 def _motion(cameras: CameraSamples, step: Array) -> float:
     """Return the median angle by which a step moves points, seen from the body."""
-    points = np.concatenate(
-        [
-            sample.points if place is None else place.apply(sample.points)
-            for place, samples in cameras
-            for sample in samples
-        ]
-    )
+    points = np.concatenate([place.apply(sample.points) for place, sample in cameras])
     motion = step[:3] + np.cross(step[3:], points)
     return float(np.median(np.linalg.norm(motion, axis=1) / np.linalg.norm(points, axis=1)))

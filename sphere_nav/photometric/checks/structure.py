@@ -72,15 +72,13 @@ def find_rig_structure(
 
     def sample_at(T_world_body: SE3) -> CameraSamples:
         there = sample_images(images, replace(alignment, T_world_camera=T_world_body), params, motion)
-        return [
-            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_SAMPLES]) for one, parts in there
-        ]
+        return [(one.mount, sample.of_views(MIN_SAMPLES)) for one, sample in there]
 
     sampler: Sampler = sample_at
     pose = alignment.T_world_camera
     cameras = sampler(pose)
     is_asked = Aspect.FIT in aspects
-    found = Structure(float(np.mean([_agreement(usable) for _, usable in cameras]))) if is_asked else Structure()
+    found = Structure(float(np.mean([_agreement(sample) for _, sample in cameras]))) if is_asked else Structure()
     if is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
         support = find_support(images, sampler, pose, params, T_predicted)
         found = replace(found, support=support, chance=support.chance)
@@ -101,22 +99,16 @@ def find_rig_structure(
 
 def sample_images(
     images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None
-) -> Iterator[tuple[RigImage, list[Sample]]]:
-    """Yield each image of an alignment of `register_rig` with pixels of each of its views."""
+) -> Iterator[tuple[RigImage, Sample]]:
+    """Yield each image of an alignment of `register_rig` with pixels of its views."""
     first, share = 0, share_pixels(params, len(images))
+    light = np.column_stack([alignment.gains, alignment.biases])
     for image in images:
-        part = slice(first, first + len(image.views))
-        pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
-        own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
-        yield image, sample_views(image.pyramid, image.views, own, share, image.motion(motion))
-        first = part.stop
+        own, first = light[first : first + len(image.views)], first + len(image.views)
+        yield image, sample_views(image, image.pose(alignment.T_world_camera), own, share, image.motion(motion))
 
 
-def _agreement(samples: Sequence[Sample]) -> float:
+def _agreement(sample: Sample) -> float:
     """Return the mean cosine between the gradients, each pixel by how strong it is in the reference."""
-    agreeing = total = 0.0
-    for sample in samples:
-        cosine, weight = cosines(sample)
-        agreeing += float(np.sum(weight * cosine))
-        total += float(np.sum(weight))
-    return agreeing / max(total, TINY)
+    cosine, weight = cosines(sample)
+    return float(weight @ cosine) / max(float(np.sum(weight)), TINY)

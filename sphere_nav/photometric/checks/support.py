@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.gates import gate
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3
@@ -30,7 +30,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
+from sphere_nav.photometric.parts.votes import finest_levels, vote
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.photometric.pixels.samples import Sampler
 
@@ -89,7 +89,7 @@ def _predictions(
     With each, how many motions were tried to find it.
     """
     yield T_predicted, 1
-    xi = fit_motion(find_shifts(finest_levels(images, params), sampler(T_predicted)))
+    xi = fit_motion(vote(finest_levels(images, params), sampler(T_predicted)).shifts)
     if xi is not None:
         yield T_predicted @ SE3.exp(xi), NUM_TRIED_MOTIONS
 
@@ -102,7 +102,9 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
         if problem is None:
             break
         step, remaining, weight = solve_robustly(*problem, params)
-        covariance = _covariance(problem[0], remaining, weight, votes.owner)
+        J = problem[0]
+        inverse, gradients = scaled_inverse((weight[:, None] * J).T @ J), (weight * remaining)[:, None] * J
+        covariance = clustered_covariance(inverse, gradients, votes.owner, J.shape[1])[:6, :6]
         if step[:6] @ scaled_inverse(covariance) @ step[:6] < gate(6, 0.05):  # it says nothing
             break
         T_step = T_step @ SE3.exp(step[:6])
@@ -116,13 +118,3 @@ def exclude_changes(images: Sequence[RigImage], sampler: Sampler, params: Regist
     """Return the sampler of the pixels in cells that agree, no others."""
     levels = finest_levels(images, params)
     return lambda T_world_body: vote(levels, sampler(T_world_body)).kept
-
-
-def _covariance(J: Array, residual: Array, weight: Array, owner: NDArray[np.int64]) -> Array:
-    """Return the covariance (6, 6) of the pose, cells being the independent observations (cluster-robust)."""
-    H = scaled_inverse((weight[:, None] * J).T @ J)
-    names, cell = np.unique(owner, return_inverse=True)
-    pulls = np.zeros((len(names), J.shape[1]))
-    np.add.at(pulls, cell, (weight * residual)[:, None] * J)
-    freedom = len(names) / max(len(names) - J.shape[1], 1)
-    return np.asarray((freedom * H @ (pulls.T @ pulls) @ H)[:6, :6], np.float64)

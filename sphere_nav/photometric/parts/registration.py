@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.alignment import Alignment
-from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.constants import (
     MIN_PART_SAMPLES,
@@ -24,7 +24,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
+from sphere_nav.photometric.parts.votes import finest_levels, vote
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler, sample_views
 
 
@@ -66,7 +66,7 @@ def _descend(
     for level in reversed(levels):
         own = between(params, finest=level)
         for _ in range(PART_ROUNDS):
-            xi = fit_motion(find_shifts(finest_levels(images, own), _sampler(images, own)(T_world_body)))
+            xi = fit_motion(vote(finest_levels(images, own), _sampler(images, own)(T_world_body)).shifts)
             if xi is None:
                 break
             T_world_body = T_world_body @ SE3.exp(xi)
@@ -92,10 +92,9 @@ def _sampler(images: Sequence[RigImage], params: RegistrationParams) -> Sampler:
     def sample_at(T_world_body: SE3) -> CameraSamples:
         found = []
         for image in images:
-            light = (1.0,) * len(image.views), (0.0,) * len(image.views)
-            there = Alignment(image.pose(T_world_body), UNKNOWN, "", 0, 0, 1.0, 1.0, 0.0, 1.0, *light)
-            parts = sample_views(image.pyramid, image.views, there, share, None)
-            found.append((image.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PART_SAMPLES]))
+            light = np.tile([1.0, 0.0], (len(image.views), 1))
+            sample = sample_views(image, image.pose(T_world_body), light, share, None)
+            found.append((image.mount, sample.of_views(MIN_PART_SAMPLES)))
         return found
 
     return sample_at

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.so3 import hat
 from sphere_nav.photometric.align.rig import RigImage
@@ -37,9 +36,7 @@ from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
 
 COLUMNS, ROWS = PARTS
 P_NEAR = float((2 * NEAR_SHIFT + 1) ** 2 / (2 * REACH + 1) ** 2)  # that the best of all shifts is none, by chance
-FIELDS = ("points", "of_reference")  # of a sample
 LARGEST_PART = 0.49  # px between two shifts, so that rounding gives the shift that was best
-DERIVATIVE_STEP = 1e-3  # of the range, by which a point is moved; to a hundredth of a pixel
 
 
 class Shifts(NamedTuple):
@@ -98,63 +95,45 @@ class Votes:
 
 def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:
     """Return the level of each image that pixels are sampled of."""
-    return [image.pyramid.levels[min(params.pyramid.finest, len(image.pyramid.levels) - 1)] for image in images]
+    return [image.level(params.pyramid.finest) for image in images]
 
 
 def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
     """Return which cells of each image agree, where its pixels are."""
-    looks = _look_at_all(levels, cameras)
-    num_cells = num_agreeing = 0
-    kept, owners = [], [np.zeros(0, np.int64)]
-    for index, (found, (place, samples)) in enumerate(zip(looks, cameras, strict=True)):
-        num_cells, num_agreeing = num_cells + int(found.is_known.sum()), num_agreeing + int(found.agrees.sum())
-        cells = np.split(found.cell, np.cumsum([len(one.residual) for one in samples])[:-1]) if samples else []
-        kept.append((place, [one.where(found.agrees[own]) for one, own in zip(samples, cells, strict=True)]))
-        owners.append(index * COLUMNS * ROWS + found.cell[found.agrees[found.cell]])
+    looks = [_look(level, sample) for level, (_, sample) in zip(levels, cameras, strict=True)]
+    kept = [(place, one.where(found.agrees[found.cell])) for found, (place, one) in zip(looks, cameras, strict=True)]
+    owners = [k * COLUMNS * ROWS + found.cell[found.agrees[found.cell]] for k, found in enumerate(looks)]
+    num_cells = sum(int(found.is_known.sum()) for found in looks)
+    num_agreeing = sum(int(found.agrees.sum()) for found in looks)
     return Votes(num_cells, num_agreeing, kept, np.concatenate(owners), looks, cameras)
-
-
-def find_shifts(levels: Sequence[Level], cameras: CameraSamples) -> Shifts:
-    """Return how far the cells of all images are shifted, and how that depends on the pose."""
-    return _join_shifts(_look_at_all(levels, cameras), cameras)
-
-
-def _look_at_all(levels: Sequence[Level], cameras: CameraSamples) -> list[_Looked]:
-    return [_look(level, samples) for level, (_, samples) in zip(levels, cameras, strict=True)]
 
 
 def _join_shifts(looks: Sequence[_Looked], cameras: CameraSamples) -> Shifts:
     shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
-    for found, (place, samples) in zip(looks, cameras, strict=True):
-        if not samples:
-            continue
-        J, points = found.by_point, np.concatenate([one.points for one in samples])
-        J = np.concatenate([-J, J @ hat(points)], axis=-1)  # of exp(-xi) p
+    for found, (place, sample) in zip(looks, cameras, strict=True):
+        J = np.concatenate([-found.by_point, found.by_point @ hat(sample.points)], axis=-1)  # of exp(-xi) p
         mean = np.zeros((COLUMNS * ROWS, 2, 6))
         np.add.at(mean, found.cell, np.nan_to_num(J))
         mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
-        mean = mean if place is None else mean @ place.inverse().adjoint()
+        mean = mean @ place.inverse().adjoint()
         shifts.append(found.shift[found.is_known])
         by_pose.append(mean[found.is_known])
     return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
 
-def _look(level: Level, samples: Sequence[Sample]) -> _Looked:
+def _look(level: Level, sample: Sample) -> _Looked:
     """Return what the cells of an image say, by the pixels of all its views."""
     camera, number, margin = level.camera, COLUMNS * ROWS, REACH + 1
     scores = np.zeros((number, 2 * REACH + 1, 2 * REACH + 1))
-    if not samples:
-        none = np.zeros(number, bool), np.zeros((number, 2)), np.zeros(0, np.int64)
-        return _Looked(*none, np.zeros((0, 2, 3)))
-    points, of_reference = (np.concatenate([getattr(one, name) for one in samples]) for name in FIELDS)
-    place, by_point = _by_point(camera, points)
-    place, gradient = np.nan_to_num(place), _by_pixel(by_point, of_reference)
+    place, by_point = np.nan_to_num(camera.project(sample.points)[0]), camera.J_project(sample.points)
+    gradient = _by_pixel(by_point, sample.of_reference)
     column, row = np.rint(place).astype(np.int32).T
     cell = (row * ROWS // camera.height * COLUMNS + column * COLUMNS // camera.width).clip(0, number - 1)
     inside = (column >= margin) & (column < camera.width - margin) & (row >= margin) & (row < camera.height - margin)
     strength = np.linalg.norm(gradient, axis=1)
     direction = (gradient / np.maximum(strength, TINY)[:, None]).astype(np.float32)
-    weight = np.minimum(strength, np.quantile(strength, STRENGTH_QUANTILE)).astype(np.float32)
+    limit = np.quantile(strength, STRENGTH_QUANTILE) if len(strength) else 0.0
+    weight = np.minimum(strength, limit).astype(np.float32)
     pixels = column[inside] + np.int32(level.pad), row[inside], direction[inside], weight[inside]
     kernels.score_shifts(level.image, *pixels, cell[inside], REACH, scores)
     is_known = np.bincount(cell[inside], minlength=number) >= MIN_PART_PIXELS
@@ -183,10 +162,3 @@ def _by_pixel(J: Array, of_reference: Array) -> Array:
     ga, gb = np.einsum("ni,ni->n", a, of_reference), np.einsum("ni,ni->n", b, of_reference)
     found = np.stack([bb * ga - ab * gb, aa * gb - ab * ga], axis=-1) / np.maximum(aa * bb - ab**2, TINY)[:, None]
     return np.nan_to_num(found)
-
-
-def _by_point(camera: Camera, points: Array) -> tuple[Array, Array]:
-    """Return where points (N, 3) are in the image, (N, 2) px, and the derivative (N, 2, 3) by the point."""
-    step = DERIVATIVE_STEP * np.linalg.norm(points, axis=1, keepdims=True)
-    place = camera.project(points)[0]
-    return place, np.stack([(camera.project(points + step * axis)[0] - place) / step for axis in np.eye(3)], axis=-1)

@@ -45,42 +45,28 @@ HALF = np.float32(0.5)
 
 
 @njit(**OPTIONS)
-def halve_bytes(image, out):
-    """Next pyramid level (H // 2, W // 2) f32 of an image (H, W) u8: weights 1 3 3 1 over 8 both ways.
+def halve(image, pad, weights, rounding, out):
+    """Next pyramid level (H // 2, W // 2) of an image (H, W): weights 1 3 3 1 over 8 both ways.
 
-    The result is centred between pixels. The border repeats; a whole sphere is padded by its caller.
+    The result is centred between pixels. The border repeats; of a whole sphere both have `pad` columns of the other
+    edge. `weights` are 1 and 3, of a type that holds eight grey levels; `rounding` is added to what is written.
     """
-    rows, columns = out.shape
-    height, last = image.shape[0], min(2 * columns, image.shape[1] - 1)
-    line = np.empty(2 * columns + 2, np.uint16)
+    rows, columns = out.shape[0], out.shape[1] - 2 * pad
+    height, last = image.shape[0], min(2 * columns + pad, image.shape[1] - 1)
+    line, three = np.empty(2 * columns + 2, weights.dtype), weights[1]  # made elsewhere it could be a part of the image
     for v in range(rows):
         a, b, c, d = image[max(2 * v - 1, 0)], image[2 * v], image[2 * v + 1], image[min(2 * v + 2, height - 1)]
+        for i, u in ((0, 0), (2 * columns + 1, last)):
+            line[i] = a[u] + d[u] + three * (b[u] + c[u])
+        a, b, c, d, target = a[pad:], b[pad:], c[pad:], d[pad:], out[v, pad:]
         for u in range(2 * columns):
-            line[u + 1] = np.uint16(a[u]) + np.uint16(d[u]) + np.uint16(3) * (np.uint16(b[u]) + np.uint16(c[u]))
-        line[0] = line[1]
-        line[2 * columns + 1] = np.uint16(a[last]) + d[last] + np.uint16(3) * (np.uint16(b[last]) + c[last])
-        target = out[v]
+            line[u + 1] = a[u] + d[u] + three * (b[u] + c[u])
         for u in range(columns):
             outer = np.float32(line[2 * u]) + np.float32(line[2 * u + 3])
             inner = np.float32(line[2 * u + 1]) + np.float32(line[2 * u + 2])
-            target[u] = (outer + THREE * inner) * BY_64
-
-
-@njit(**OPTIONS)
-def halve(image, out):
-    """`halve_bytes` of an image (H, W) f32."""
-    rows, columns = out.shape
-    height, last = image.shape[0], min(2 * columns, image.shape[1] - 1)
-    line = np.empty(2 * columns + 2, np.float32)
-    for v in range(rows):
-        a, b, c, d = image[max(2 * v - 1, 0)], image[2 * v], image[2 * v + 1], image[min(2 * v + 2, height - 1)]
-        for u in range(2 * columns):
-            line[u + 1] = (a[u] + d[u]) + THREE * (b[u] + c[u])
-        line[0] = line[1]
-        line[2 * columns + 1] = (a[last] + d[last]) + THREE * (b[last] + c[last])
-        target = out[v]
-        for u in range(columns):
-            target[u] = ((line[2 * u] + line[2 * u + 3]) + THREE * (line[2 * u + 1] + line[2 * u + 2])) * BY_64
+            target[u] = (outer + THREE * inner) * BY_64 + rounding
+        if pad:
+            out[v, 0], out[v, columns + 1] = target[columns - 1], target[0]
 
 
 @njit(**OPTIONS)
@@ -130,25 +116,6 @@ def quantize(image, pad, out):
             target[0], target[width + 1] = target[width], target[1]
 
 
-@njit(**OPTIONS)
-def halve_steps(image, pad, out):
-    """`halve_bytes` of an image (H, W + 2 pad) u16 in steps, to out (H // 2, W // 2 + 2 pad) u16."""
-    rows, columns = out.shape[0], out.shape[1] - 2 * pad
-    height, last = image.shape[0], image.shape[1] - 1
-    line = np.empty(2 * columns + 2, np.uint32)
-    for v in range(rows):
-        a, b, c, d = image[max(2 * v - 1, 0)], image[2 * v], image[2 * v + 1], image[min(2 * v + 2, height - 1)]
-        for i in range(2 * columns + 2):
-            u = min(max(i - 1 + pad, 0), last)
-            line[i] = np.uint32(a[u]) + np.uint32(d[u]) + np.uint32(3) * (np.uint32(b[u]) + np.uint32(c[u]))
-        target = out[v]
-        for u in range(columns):
-            outer, inner = line[2 * u] + line[2 * u + 3], line[2 * u + 1] + line[2 * u + 2]
-            target[u + pad] = np.uint16((outer + np.uint32(3) * inner + np.uint32(32)) >> np.uint32(6))
-        if pad:
-            target[0], target[columns + 1] = target[columns], target[1]
-
-
 UNKNOWN, FAR = 65535, 65534  # codes of ranges without a length
 PER_OCTAVE = 2978  # codes from one power of two to the next: ranges are within 0.017 %
 NEAREST = (127 - 8) << 23  # bits of 2^-8 m, below which all is as near; what is beyond 2^14 m is far
@@ -169,18 +136,17 @@ def encode_range(range_m, out):
 
 
 @njit(**OPTIONS)
-def _is_edge(before, a, b, after, share):
-    """Whether the inverse range leaps from a to b (m) by more than from `before` to a or b to `after`.
+def is_edge(before, a, b, after, share, floor):
+    """Whether the nearness (1/m) leaps from a to b by more than from `before` to a or b to `after`.
 
     So it does on no slanted plane and in no corner of a room. What is unknown (NaN) hides no edge.
     """
-    leap = ONE / b - ONE / a
-    sign = np.float32(math.copysign(1.0, leap))
+    sign = np.float32(math.copysign(1.0, b - a))
     usual = ZERO
-    for other in (sign * (ONE / a - ONE / before), sign * (ONE / after - ONE / b)):
+    for other in (sign * (a - before), sign * (after - b)):
         if other > usual:
             usual = other
-    return sign * leap - usual > share / min(a, b)
+    return sign * (b - a) - usual > max(floor, share * max(a, b))
 
 
 @njit(**OPTIONS)
@@ -201,7 +167,7 @@ def forget_behind_edges(range_m, pixels, share, codes):
                     before = range_m[y, x] if y >= 0 and x >= 0 else unknown
                     y, x = v + 2 * down, u + 2 * right
                     after = range_m[y, x] if y < rows and x < columns else unknown
-                    if _is_edge(before, a, b, after, share):
+                    if is_edge(ONE / before, ONE / a, ONE / b, ONE / after, share, ZERO):
                         for off in range(pixels):
                             step = -off if b < a else 1 + off
                             y, x = v + step * down, u + step * right

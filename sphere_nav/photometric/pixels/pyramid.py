@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera, OCam, Spherical
-from sphere_nav.geometry.cameras.camera import Focal
+from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry.cameras.camera import Lens
 from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
 from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
@@ -19,6 +19,7 @@ from sphere_nav.photometric.params import PyramidParams
 from sphere_nav.photometric.pixels import kernels
 
 Image = NDArray[Any]
+LINES: dict[type, Any] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}  # hold eight of them
 NO_BYTES, NO_FLOATS = np.array([], np.uint8), np.array([], np.float32)
 
 
@@ -94,7 +95,8 @@ def build_pyramid(
     pad = pad_of(camera)
     levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]
     for smaller in cameras[1:]:
-        levels.append(Level(_pad(_halve(levels[-1]), pad), smaller, pad))
+        out = np.empty((smaller.height, smaller.width + 2 * pad), np.float32)
+        levels.append(Level(halve(levels[-1].image, pad, out), smaller, pad))
     return Pyramid(tuple(levels))
 
 
@@ -115,7 +117,7 @@ def magnify(pyramid: Pyramid, factor: float) -> Pyramid:
     levels = []
     for level in pyramid.levels:
         camera = level.camera
-        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Focal | OCam) else level)
+        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Lens) else level)
     return Pyramid(tuple(levels))
 
 
@@ -148,10 +150,8 @@ def _pad(image: Image, pad: int) -> Image:
     return np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1) if pad else image
 
 
-def _halve(level: Level) -> Image:
-    image, pad = level.image, level.pad
-    if pad:  # the kernel reaches one column beyond both ends: halve two more, cut them off again
-        image = np.concatenate([image[:, -3:-2], image, image[:, 2:3]], axis=1)
-    out = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
-    (kernels.halve_bytes if image.dtype == np.uint8 else kernels.halve)(image, out)
-    return np.ascontiguousarray(out[:, pad : out.shape[1] - pad]) if pad else out
+def halve(image: Image, pad: int, out: Image) -> Image:
+    """Write the next level of an image, both with `pad` columns of the other edge, and return it."""
+    rounding = np.float32(0.0 if out.dtype == np.float32 else 0.5)
+    kernels.halve(image, pad, np.array([1, 3], LINES[image.dtype.type]), rounding, out)
+    return out

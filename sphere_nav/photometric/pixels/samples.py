@@ -12,25 +12,28 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
-from sphere_nav.photometric.pixels.reference import Selection, View
+from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.pixels.reference import Selection
 from sphere_nav.photometric.pixels.selection import choose_pixels
+
+SQUARE = kernels.TA, kernels.TB, kernels.TC, kernels.TD, kernels.DU, kernels.DV  # grey levels, and where between them
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
+    """Pixels of one image: which of its views each is of (N,), points (N, 3) m in the camera, residuals (N,).
 
-    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image,
-    at (N, 2) the place in it, -1...1 on both axes.
+    Gradients (N, 3) by the point are those of both images. by_stretch (N,) is the derivative of the residual by the
+    stretch, current (N,) the grey level of the image, at (N, 2) the place in it, -1...1 on both axes.
     """
 
+    view: NDArray[np.int64]
     points: Array
     of_reference: Array
     of_image: Array
@@ -44,14 +47,19 @@ class Sample:
         """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
         return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
 
+    def __len__(self) -> int:
+        return len(self.residual)
+
     def where(self, chosen: NDArray[np.bool_]) -> Sample:
         """Return some of the pixels, chosen (N,)."""
         return Sample(*(getattr(self, part.name)[chosen] for part in fields(self)))
 
+    def of_views(self, least: int) -> Sample:
+        """Return the pixels of views that have so many at least."""
+        return self.where(np.bincount(self.view)[self.view] >= least)
 
-CameraSamples = Sequence[
-    tuple[SE3 | None, Sequence[Sample]]
-]  # T_body_camera (None: it is the body), pixels of its views
+
+CameraSamples = Sequence[tuple[SE3, Sample]]  # T_body_camera and the pixels of its image
 Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
 
 
@@ -83,12 +91,9 @@ class CellCosines(NamedTuple):
         return float(np.quantile(self.mean[self.known], TYPICAL_QUANTILE)) if self.known.any() else 0.0
 
 
-def cosines_by_cell(samples: Sequence[Sample], cells: tuple[int, int], least: int) -> CellCosines:
-    """Return the cosines of all views by cells (columns, rows) of the image; known are those of `least` pixels."""
-    number = math.prod(cells)
-    cell = np.concatenate([np.zeros(0, np.int64), *(cell_of(one, cells) for one in samples)])
-    parts = [np.zeros((2, 0)), *(np.stack(cosines(one)) for one in samples)]
-    cosine, weight = np.concatenate(parts, axis=1)
+def cosines_by_cell(sample: Sample, cells: tuple[int, int], least: int) -> CellCosines:
+    """Return the cosines by cells (columns, rows) of the image; known are those of `least` pixels."""
+    number, cell, (cosine, weight) = math.prod(cells), cell_of(sample, cells), cosines(sample)
     total, agreeing = (np.asarray(np.bincount(cell, one, number), np.float64) for one in (weight, weight * cosine))
     known = (np.bincount(cell, minlength=number) >= least) & (total > 0.0)
     return CellCosines(cell, cosine, weight, total, agreeing / np.maximum(total, TINY), known)
@@ -101,24 +106,20 @@ def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
 
 
 def sample_views(
-    pyramid: Pyramid,
-    views: Sequence[View],
-    alignment: Alignment,
-    params: RegistrationParams,
-    motion: FrameMotion | None,
-) -> list[Sample]:
-    """Return some pixels of each view, warped into the image."""
-    level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
-    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(alignment.T_world_camera))
-    T_camera_world = alignment.T_world_camera.inverse()
-    samples = []
-    for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
+    image: RigImage, T_world_camera: SE3, light: Array, params: RegistrationParams, motion: FrameMotion | None
+) -> Sample:
+    """Return some pixels of each view of an image, warped into it; light (views, 2) are their gains and biases."""
+    level, T_camera_world = image.level(params.pyramid.finest), T_world_camera.inverse()
+    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(T_world_camera))
+    number, tables, rotations = len(image.views), list[Floats](), list[Array]()
+    for view in image.views:
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
-        selection = choose_pixels(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = thin_blocks(selection, NUM_SAMPLES // len(views))
-        samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
-    return samples
+        selection = choose_pixels(pixels, T, level.camera, params.max_pixels // number)
+        tables.append(locate_pixels(thin_blocks(selection, NUM_SAMPLES // number), T, camera, level))
+        rotations.append(T.rotation)
+    of_view = np.repeat(np.arange(number), [len(one) for one in tables])
+    return interpolate(np.concatenate(tables), of_view, np.stack(rotations), light, level)
 
 
 def thin_blocks(selection: Selection, number: int) -> Floats:
@@ -132,14 +133,34 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
     return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
 
 
-def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:
-    """Warp pixels of a reference into the image."""
-    height, width = level.camera.height, level.camera.width
-    gain, bias, *center = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
-    out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
-    kernels.warp(blocks, T, camera, level.samples, gain, bias, *center, out)
-    seen = out[:-1, out[-1] > 0.0].astype(np.float64)
-    points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
-    at = (level.camera.project(points)[0] - center) / center
-    by_stretch, current, residual = seen[9:]
-    return Sample(points, of_reference, of_image, by_stretch, current, residual, at)
+def locate_pixels(blocks: Floats, T: SE3, camera: KernelCamera, level: Level) -> Floats:
+    """Return rows of blocks, then of the scratch, of the pixels (N, ROWS) that are seen; T is reference -> camera."""
+    scratch = np.zeros((blocks.size // BLOCK, kernels.SCRATCH), np.float32)
+    kernels.locate_all(blocks, kernel_motion(T.matrix), camera, level.samples, scratch)
+    both = np.concatenate([blocks.reshape(len(scratch), BLOCK), scratch], axis=1)
+    table = both.reshape(len(scratch), both.shape[1] // SIDE, SIDE).swapaxes(1, 2)
+    return table[scratch[:, kernels.SEEN : kernels.SEEN + SIDE] > 0.0]
+
+
+def interpolate(table: Floats, view: NDArray[np.int64], rotations: Array, light: Array, level: Level) -> Sample:
+    """Return pixels of the table of an image; rotations (views, 3, 3) are those of reference -> camera."""
+    values, (gain, bias) = table.T.astype(np.float64), light[view].T
+    pixel, found = values[: BLOCK // SIDE], values[BLOCK // SIDE :]
+    upper_left, upper_right, lower_left, lower_right, right, down = (found[first // SIDE] for first in SQUARE)
+    top = upper_left + right * (upper_right - upper_left)
+    bottom = lower_left + right * (lower_right - lower_left)
+    by_u = gain * ((1.0 - down) * (upper_right - upper_left) + down * (lower_right - lower_left))
+    by_v, current = gain * (bottom - top), top + down * (bottom - top)
+    center = 0.5 * (np.array([level.camera.width, level.camera.height]) - 1.0)
+    offset = found[[kernels.U // SIDE, kernels.V // SIDE]].T - center
+    J_u, J_v = np.split(found[kernels.J0 // SIDE : kernels.J5 // SIDE + 1], 2)
+    return Sample(
+        view=view,
+        points=np.ascontiguousarray(found[kernels.X // SIDE : kernels.Z // SIDE + 1].T),
+        of_reference=np.einsum("nij,jn->ni", rotations[view], pixel[kernels.BX // SIDE : kernels.BZ // SIDE + 1]),
+        of_image=np.ascontiguousarray((by_u * J_u + by_v * J_v).T),
+        by_stretch=by_u * offset[:, 0] + by_v * offset[:, 1],
+        current=current,
+        residual=gain * current + bias - pixel[kernels.GRAY // SIDE],
+        at=offset / center,
+    )

@@ -12,6 +12,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
+from sphere_nav.geometry.so3 import hat
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import (
     MAX_MATCH_RATIO,
@@ -115,11 +116,7 @@ def _refine(T_camera_sphere: SE3, rays: Array, points: Array) -> SE3:
     distance = np.linalg.norm(seen, axis=1)
     unit = seen / distance[:, None]
     across = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / distance[:, None, None]  # d unit / d seen
-    crosses = np.zeros((len(points), 3, 3))
-    x, y, z = points.T
-    crosses[:, 0, 1], crosses[:, 0, 2], crosses[:, 1, 2] = -z, y, -x
-    crosses -= np.swapaxes(crosses, 1, 2)
-    by_step = np.concatenate([np.broadcast_to(np.eye(3), crosses.shape), -crosses], axis=2)  # T exp(xi) p
+    by_step = np.concatenate([np.broadcast_to(np.eye(3), across.shape), -hat(points)], axis=2)  # T exp(xi) p
     J = (across @ T_camera_sphere.rotation @ by_step).reshape(-1, 6)
     H = J.T @ J + 1e-9 * np.eye(6)
     return T_camera_sphere @ SE3.exp(np.linalg.solve(H, J.T @ (rays - unit).ravel()))

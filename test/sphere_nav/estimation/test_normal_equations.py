@@ -74,8 +74,12 @@ def test_a_symmetric_inverse_is_symmetric_to_the_last_bit(J):
 
 def test_what_was_known_adds_its_own(rng):
     inverse, gradients = np.diag([2.0, 3.0]), np.array([[1.0, 2.0], [-1.0, 2.0]])
-    np.testing.assert_allclose(clustered_covariance(inverse, gradients, np.diag([0.5, 0.25])), np.diag([18.0, 146.25]))
-    assert clustered_covariance(inverse, gradients, np.zeros((2, 2)))[1, 1] == pytest.approx(9.0 * 16.0)
+    known = np.diag([0.5, 0.25])
+    found = clustered_covariance(inverse, gradients, np.arange(2), known=known)
+    np.testing.assert_allclose(found, np.diag([18.0, 146.25]))
+    assert clustered_covariance(inverse, gradients, np.arange(2))[1, 1] == pytest.approx(9.0 * 16.0)
+    both = clustered_covariance(inverse, np.repeat(gradients, 3, axis=0), np.repeat([4, 7], 3), num_fitted=0)
+    np.testing.assert_allclose(both, 9.0 * np.diag([2.0 * 4.0, 8.0 * 9.0]))
 
 
 def test_newton_step_finds_the_minimum_of_the_quadratic_and_refuses_what_is_not_positive_definite(rng):

@@ -93,26 +93,3 @@ def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one():
     np.testing.assert_allclose(nearness, 1.0, rtol=1e-5)
     v, u = np.mgrid[0:6, 0:9]
     np.testing.assert_allclose(source, np.stack([(u + 0.4) / side, (v + 0.4) / side], axis=-1), atol=1e-4)
-
-
-def test_colors_are_added_between_pixels_where_a_drawing_is_nearest(rng):
-    image = rng.integers(1, 255, (6, 8, 3), dtype=np.uint8)
-    shape = (5, 7)
-    for wraps in (False, True):
-        source = np.stack([rng.uniform(0, 7.9 if wraps else 7.0, shape), rng.uniform(0, 5.0, shape)], axis=-1).astype(F)
-        nearest = np.full(shape, 0.5, F)
-        nearness = nearest * rng.choice(np.array([1.0, 0.96, 0.94, 0.0], F), shape)
-        total, weights = rng.uniform(0, 9, (*shape, 3)).astype(F), rng.uniform(0, 2, shape).astype(F)
-        is_added = nearness > 0.95 * 0.5
-        u, v = source[..., 0].astype(float), source[..., 1].astype(float)
-        iu, iv = np.floor(u).astype(int), np.minimum(np.floor(v).astype(int), 4)
-        nu = (iu + 1) % 8 if wraps else np.minimum(iu + 1, 7)
-        du, dv = (u - iu)[..., None], (v - iv)[..., None]
-        picture = image.astype(float)
-        upper = (1 - du) * picture[iv, iu] + du * picture[iv, nu]
-        lower = (1 - du) * picture[iv + 1, iu] + du * picture[iv + 1, nu]
-        expected = total + 0.7 * is_added[..., None] * ((1 - dv) * upper + dv * lower)
-        expected_weights = weights + 0.7 * is_added
-        kernels.add_colors(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
-        np.testing.assert_allclose(total, expected, rtol=1e-4)
-        np.testing.assert_allclose(weights, expected_weights, rtol=1e-5)

@@ -5,7 +5,7 @@ import numpy as np
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, blend_weights, synthesize
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, _colors_at, blend_weights, synthesize
 from worlds.room import optical
 
 SPHERE = Spherical(512, 256)
@@ -111,3 +111,19 @@ def test_far_is_far_and_a_hole_is_none():
     assert np.isnan(view.range_m).all()
     assert not view.is_known.any()
     assert not view.image.any()
+
+
+def test_colors_are_read_between_pixels_and_around_a_whole_sphere(rng):
+    for camera in (Spherical(16, 8), Spherical(12, 6, 64.0)):
+        image = rng.integers(1, 255, (camera.height, camera.width, 3), dtype=np.uint8)
+        surface = surface_of(Sphere(image, np.ones(image.shape[:2], np.float32), camera))
+        last = camera.width - (0.1 if camera.is_whole else 1.0)
+        u, v = rng.uniform(0, last, (5, 7)), rng.uniform(0, camera.height - 1.0, (5, 7))
+        found = _colors_at(surface, np.stack([u, v], axis=-1).astype(np.float32))
+        iu, iv = np.floor(u).astype(int), np.floor(v).astype(int)
+        du, dv, picture = (u - iu)[..., None], (v - iv)[..., None], image.astype(float)
+        upper, lower = (
+            (1 - du) * picture[row, iu] + du * picture[row, (iu + 1) % camera.width] for row in (iv, iv + 1)
+        )
+        # OpenCV reads at steps of 1/32 px
+        np.testing.assert_allclose(found, (1 - dv) * upper + dv * lower, atol=2 * 255 / 64 + 1)

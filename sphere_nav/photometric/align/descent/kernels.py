@@ -1,7 +1,8 @@
 """Passes at one level of the pyramid until the pose stands still, and the comparison that judges it.
 
 Poses are (3, 4) f64. Arrays are filled number by number: the check of shapes in `a[:] = b` brings numba's texts along,
-five seconds to compile. The blocks of the references come as a tuple of `MAX_VIEWS` flat arrays, empty ones at the end.
+five seconds to compile. Of N views come blocks, cameras and images as tuples, which may be longer, T_world_reference
+and T_camera_body (N, 3, 4): where the reference is, and where the body is from the camera that sees the view.
 """
 
 import math
@@ -23,7 +24,6 @@ from sphere_nav.photometric.align.iteration.kernels import (
     scale,
 )
 
-MAX_VIEWS = 4
 SCALE_STEP = 4  # of so many blocks one serves for the scale, and at least so many in all:
 MIN_SCALE_BLOCKS = 8
 NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts bias a pose, of at least
@@ -95,10 +95,10 @@ def unpack_sums(sums, H, g):
 
 
 @njit(**OPTIONS)
-def by_camera(T):
-    """Return A (8, 8): x = A xi turns xi in T_world_camera exp(xi), gain and bias into x in T exp(x) (eq. 31-32).
+def by_body(T):
+    """Return A (8, 8): x = A xi turns xi in T_world_body exp(xi), gain and bias into x in T exp(x) (eq. 31-32).
 
-    T (3, 4) is reference -> camera; x = -Ad(T^-1) xi.
+    T (3, 4) is reference -> body; x = -Ad(T^-1) xi. It is the same x on the right of a camera's T_camera_reference.
     """
     A = np.zeros((8, 8))
     for i in range(3):
@@ -113,9 +113,9 @@ def by_camera(T):
 
 
 @njit(**OPTIONS)
-def to_camera_tangent(T, H, g):
-    """Transform H (8, 8), g (8,) over x in T exp(x) to xi in T_world_camera exp(xi), in place (eq. 31-32)."""
-    A = by_camera(T)
+def to_body_tangent(T, H, g):
+    """Transform H (8, 8), g (8,) over x in T exp(x) to xi in T_world_body exp(xi), in place (eq. 31-32)."""
+    A = by_body(T)
     HA, q = np.zeros((8, 8)), np.zeros(8)
     for i in range(8):
         for k in range(8):
@@ -134,7 +134,7 @@ def to_camera_tangent(T, H, g):
 @njit(**OPTIONS)
 def advance_gradient(sums, T, xi):
     """Advance the gradient in a view's sums (NUM_SUMS,) by an increment xi (8,), to first order, in place."""
-    A, H, g, x = by_camera(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
+    A, H, g, x = by_body(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
     unpack_sums(sums, H, g)
     for i in range(8):
         for j in range(8):
@@ -224,87 +224,110 @@ def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, piece
 
 
 @njit(**OPTIONS)
-def linearize(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces):
-    """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible.
+def linearize(
+    blocks,
+    cameras,
+    images,
+    num_views,
+    T_world_reference,
+    T_camera_body,
+    T_world_body,
+    light,
+    robust,
+    facts,
+    pieces,
+):
+    """Robust normal equations of all views at a pose (M15 eq. 4, 6, 8, 19, 30-35), and how many pixels are visible.
 
-    facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
+    facts (N, NUM_FACTS) and pieces (N, ...) as of `examine`.
     """
     (huber, min_sigma), n = robust, 6 + 2 * num_views
     H, g = np.zeros((n, n)), np.zeros(n)
     h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
-    T_camera_world = invert(T_world_camera)
+    T_body_world = invert(T_world_body)
     visible = 0.0
     for v in range(num_views):
-        T = compose(T_camera_world, T_world_reference[v])
+        T_body_reference = compose(T_body_world, T_world_reference[v])
+        T = compose(T_camera_body[v], T_body_reference)
         lit = light[v, 0], light[v, 1]
-        examine(blocks[v], T, camera, image, *lit, huber, min_sigma, facts[v], pieces[v])
+        examine(blocks[v], T, cameras[v], images[v], *lit, huber, min_sigma, facts[v], pieces[v])
         sums[:] = 0.0
         for p in range(int(facts[v, NUM_CUT])):
             for i in range(NUM_SUMS):
                 sums[i] += pieces[v, p, i]
         visible += facts[v, NUM_VISIBLE]
         unpack_sums(sums, h, q)
-        to_camera_tangent(T, h, q)
+        to_body_tangent(T_body_reference, h, q)
         join_view(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), H, g)
     return H, g, visible
 
 
 @njit(**OPTIONS)
+def image_motion(xi, T_camera_body, per_radian, depth):
+    """Return by how many pixels an increment xi of the body moves the image of a camera, of points `depth` m away."""
+    T = invert(T_camera_body)
+    x, y, z = T[0, 3], T[1, 3], T[2, 3]
+    a, b, c = xi[0] + xi[4] * z - xi[5] * y, xi[1] + xi[5] * x - xi[3] * z, xi[2] + xi[3] * y - xi[4] * x
+    turn = math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2)
+    return (turn + math.sqrt(a**2 + b**2 + c**2) / depth) * per_radian
+
+
+@njit(**OPTIONS)
 def descend(
     blocks,
+    cameras,
+    images,
     num_views,
     T_world_reference,
-    camera,
-    image,
-    T_world_camera,
+    T_camera_body,
+    T_world_body,
     light,
     robust,
     expected,
+    scales,
     stop,
     limit,
     is_rotation,
     facts,
     pieces,
 ):
-    """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
+    """Iterate at one level (M15 eq. 6-7); T_world_body (3, 4) and light (N, 2) change in place.
 
-    robust is (Huber bound, smallest sigma), expected as of `add_expectation`, stop
-    (smallest increment in pixels, pixels per radian, depth in m, fewest visible pixels). A pure rotation (eq. 20)
-    leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the image
+    robust is (Huber bound, smallest sigma), expected as of `add_expectation`, scales (N, 2) the pixels per radian of
+    the views and their depth in m, stop (smallest increment in pixels, fewest visible pixels). A pure rotation (eq. 20)
+    leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the images
     determined it; facts and pieces are those of the last pass, the gradients those after its increment.
     """
-    min_step, per_radian, depth, min_pixels = stop
+    min_step, min_pixels = stop
     first = 3 if is_rotation else 0
     motion, iteration = 0.0, 0
     xi, before = np.zeros(8), np.empty((3, 4))
+    views = blocks, cameras, images, num_views, T_world_reference, T_camera_body
     while iteration < limit:
-        H, g, visible = linearize(
-            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces
-        )
+        H, g, visible = linearize(*views, T_world_body, light, robust, facts, pieces)
         if visible < min_pixels:
             return iteration, motion, False
-        add_expectation(T_world_camera, expected, H, g)
+        add_expectation(T_world_body, expected, H, g)
         x, is_found = newton_step(H, g, first)
         if not is_found:
             return iteration, motion, False
         for i in range(first, 6):
             xi[i] = x[i - first]
-        pose = compose(T_world_camera, exponential(xi))
+        pose = compose(T_world_body, exponential(xi))
         for i in range(3):
             for j in range(4):
-                before[i, j], T_world_camera[i, j] = T_world_camera[i, j], pose[i, j]
+                before[i, j], T_world_body[i, j] = T_world_body[i, j], pose[i, j]
+        iteration, motion = iteration + 1, 0.0
         for v in range(num_views):
             light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
             light[v, 1] += x[7 - first + 2 * v]
-        iteration += 1
-        parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
-        motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
+            motion = max(motion, image_motion(xi, T_camera_body[v], scales[v, 0], scales[v, 1]))
         if motion < min_step:
-            T_camera_world = invert(before)
+            T_body_world = invert(before)
             for v in range(num_views):
                 xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
                 for p in range(int(facts[v, NUM_CUT])):
-                    advance_gradient(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
+                    advance_gradient(pieces[v, p], compose(T_body_world, T_world_reference[v]), xi)
             break
     return iteration, motion, True
 

@@ -26,21 +26,17 @@ NUM_COLUMNS = 8  # v (3), omega (3), gain, bias
 NUM_SUMS = 45 + 2  # products of 9 columns, the residual the ninth, by rows of the upper triangle; visible, inliers
 VISIBLE, INLIERS = 45, 46
 
-# Rows of what `warp` returns: point in the camera (3), gradients by it of the reference (3) and of the image (3),
-# derivative by a stretch about the centre, grey level of the image, residual, 1 where it is seen.
-NUM_WARPED = 13
-
 BINS_PER_GRAY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
 NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GRAY)
 
-PINHOLE, FISHEYE, SPHERICAL, DOUBLE_SPHERE, OMNI, OCAM = 0, 1, 2, 3, 4, 5
-NUM_COEFFICIENTS = 28  # of the longest model
-OCAM_POLYNOMIAL, OCAM_STEPS = 8, 8  # where it begins; of Newton's method, which float32 needs at 120 deg
+PLANE, RADIAL, SPHERICAL = 0, 1, 2
+NUM_COEFFICIENTS = 21  # of the longest model
+POLYNOMIAL = 8  # where that of a radial lens begins
 ZERO, HALF, ONE, TWO, THREE = (np.float32(i) for i in (0.0, 0.5, 1.0, 2.0, 3.0))
-FIVE, SIX, SEVEN, NINE = (np.float32(i) for i in (5.0, 6.0, 7.0, 9.0))
+SIX = np.float32(6.0)
 MIN_DEPTH = np.float32(1e-6)
-MIN_SINE, MIN_DIVISOR = np.float32(1e-9), np.float32(1e-12)
+MIN_SINE = np.float32(1e-9)
 MAX_SQUARE = np.float32(1e4)  # squared tangent of the angle that is in no perspective image: 89.4 deg
 PI = np.float32(math.pi)
 HALF_PI, QUARTER_PI = np.float32(math.pi / 2), np.float32(math.pi / 4)
@@ -116,25 +112,48 @@ def _project_distorted(k, r):
 
 
 @njit(**OPTIONS)
-def _project_fisheye(k, r):
-    fx, fy, cx, cy, k1, k2, k3, k4, max_angle = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8]
+def _project_radial(k, r):
+    """Lenses that look alike all around their axis: the image radius by the angle from it is a polynomial of t.
+
+    t is the angle, or its square. k: fx, fy, cx, cy, x by y, y by x, largest angle, power of the angle in t, and from
+    `POLYNOMIAL` on the coefficients.
+    """
+    axx, ayy, cx, cy, axy, ayx, max_angle, power = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+    last = NUM_COEFFICIENTS - 1
+    while k[last] == ZERO:
+        last -= 1
+    constant, highest = k[POLYNOMIAL], (k[last] if last > POLYNOMIAL else ZERO)
     for i in range(SIDE):
         known = r[Z + i] == r[Z + i]
         x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
         sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
-        by_sine, by_square = ONE / sine, ONE / (sine * sine + z * z)
         angle = arctangent2(sine, z)
         seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))  # straight behind is a whole circle
         r[SEEN + i] = ONE if seen else ZERO
-        a2 = angle * angle
-        radius = angle * (ONE + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-        slope = ONE + a2 * (THREE * k1 + a2 * (FIVE * k2 + a2 * (SEVEN * k3 + a2 * NINE * k4)))
+        r[TA + i], r[TB + i], r[TC + i] = (angle * angle if power == TWO else angle), highest, ZERO
+        r[TD + i], r[J0 + i], r[J1 + i], r[J2 + i] = angle, x, y, z
+    for j in range(last - 1, POLYNOMIAL, -1):
+        coefficient = k[j]
+        for i in range(SIDE):
+            r[TC + i] = r[TC + i] * r[TA + i] + r[TB + i]
+            r[TB + i] = r[TB + i] * r[TA + i] + coefficient
+    for i in range(SIDE):
+        x, y, z = r[J0 + i], r[J1 + i], r[J2 + i]
+        sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
+        square = sine * sine + z * z
+        by_both = ONE / (sine * square)
+        by_sine, by_square = square * by_both, sine * by_both
+        t, angle = r[TA + i], r[TD + i]
+        share = r[TB + i] * t + constant
+        radius, slope = share * angle, share + power * t * (r[TC + i] * t + r[TB + i])
         xn, yn = x * by_sine, y * by_sine
-        r[U + i], r[V + i] = fx * radius * xn + cx, fy * radius * yn + cy
         along, across, by_z = slope * z * by_square, radius * by_sine, -slope * sine * by_square
         mixed = (along - across) * xn * yn
-        r[J0 + i], r[J1 + i], r[J2 + i] = fx * (along * xn * xn + across * yn * yn), fx * mixed, fx * by_z * xn
-        r[J3 + i], r[J4 + i], r[J5 + i] = fy * mixed, fy * (along * yn * yn + across * xn * xn), fy * by_z * yn
+        qxx, qyy = along * xn * xn + across * yn * yn, along * yn * yn + across * xn * xn
+        ux, uy = axx * xn + axy * yn, ayx * xn + ayy * yn
+        r[U + i], r[V + i] = radius * ux + cx, radius * uy + cy
+        r[J0 + i], r[J1 + i], r[J2 + i] = axx * qxx + axy * mixed, axx * mixed + axy * qyy, by_z * ux
+        r[J3 + i], r[J4 + i], r[J5 + i] = ayx * qxx + ayy * mixed, ayx * mixed + ayy * qyy, by_z * uy
 
 
 @njit(**OPTIONS)
@@ -160,114 +179,55 @@ def _project_spherical(k, r):
 
 
 @njit(**OPTIONS)
-def _project_double_sphere(k, r):
-    fx, fy, cx, cy, xi, alpha = k[0], k[1], k[2], k[3], k[4], k[5]
+def _shift(k, r):
+    """Put in place of z what x and y are divided by where rays pass one sphere or two before the plane.
+
+    That is alpha d2 + (1 - alpha) (z + xi d) with d2 = |(x, y, z + xi d)| (cameras/double_sphere.py, cameras/omni.py).
+    Its derivative by x, y, z goes to rows TA, TB, TC, z itself to TD.
+    """
+    xi, alpha, min_first, min_second = k[13], k[14], k[15], k[16]
     beta = ONE - alpha
-    min_cosine = -(alpha / beta if alpha <= HALF else beta / alpha)
     for i in range(SIDE):
         known = r[Z + i] == r[Z + i]
-        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
+        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ZERO)
         distance = max(np.float32(math.sqrt(x * x + y * y + z * z)), MIN_SINE)
-        shifted = xi * distance + z
-        second = max(np.float32(math.sqrt(x * x + y * y + shifted * shifted)), MIN_SINE)
-        divisor = alpha * second + beta * shifted
-        seen = known & (distance > MIN_SINE) & (shifted > min_cosine * second) & (divisor > MIN_DEPTH * second)
-        w = ONE / (divisor if seen else ONE)
-        r[SEEN + i] = ONE if seen else ZERO
-        xn, yn = x * w, y * w
-        r[U + i], r[V + i] = fx * xn + cx, fy * yn + cy
         along = xi / distance  # d shifted / d point is along * point + (0, 0, 1)
-        common = (alpha * (ONE + along * shifted) / second + beta * along) * w  # d divisor / d (x, y) by (x, y), w
-        by_z = (alpha * shifted * (along * z + ONE) / second + beta * (along * z + ONE)) * w
-        r[J0 + i], r[J1 + i], r[J2 + i] = fx * (w - xn * x * common), -fx * xn * y * common, -fx * xn * by_z
-        r[J3 + i], r[J4 + i], r[J5 + i] = -fy * yn * x * common, fy * (w - yn * y * common), -fy * yn * by_z
-
-
-@njit(**OPTIONS)
-def _project_omni(k, r):
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, xi = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9]
-    max_square = min(k[10], MAX_SQUARE)
-    min_cosine = -xi if xi <= ONE else -ONE / xi
-    for i in range(SIDE):
-        known = r[Z + i] == r[Z + i]
-        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
-        distance = max(np.float32(math.sqrt(x * x + y * y + z * z)), MIN_SINE)
         shifted = z + xi * distance
-        ahead = known & (distance > MIN_SINE) & (z > min_cosine * distance) & (shifted > MIN_DEPTH * distance)
-        w = ONE / (shifted if ahead else ONE)
-        xn, yn = x * w, y * w
-        r2 = xn * xn + yn * yn
-        seen = ahead & (r2 <= max_square)
-        xn, yn = (xn if seen else ZERO), (yn if seen else ZERO)
-        r2 = xn * xn + yn * yn
-        r[SEEN + i] = ONE if seen else ZERO
-        radial = ONE + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = (k1 + r2 * (TWO * k2 + THREE * r2 * k3)) * TWO
-        r[U + i] = fx * (xn * radial + TWO * p1 * xn * yn + p2 * (r2 + TWO * xn * xn)) + cx
-        r[V + i] = fy * (yn * radial + p1 * (r2 + TWO * yn * yn) + TWO * p2 * xn * yn) + cy
-        dxx = (radial + xn * xn * slope + TWO * p1 * yn + SIX * p2 * xn) * w
-        dxy = (xn * yn * slope + TWO * p1 * xn + TWO * p2 * yn) * w
-        dyy = (radial + yn * yn * slope + SIX * p1 * yn + TWO * p2 * xn) * w
-        du, dv = -(dxx * xn + dxy * yn), -(dxy * xn + dyy * yn)  # by what x and y are divided by
-        along = xi / distance  # its derivative by the point is along * point + (0, 0, 1)
-        r[J0 + i], r[J1 + i] = fx * (dxx + du * along * x), fx * (dxy + du * along * y)
-        r[J3 + i], r[J4 + i] = fy * (dxy + dv * along * x), fy * (dyy + dv * along * y)
-        r[J2 + i], r[J5 + i] = fx * du * (ONE + along * z), fy * dv * (ONE + along * z)
+        second = max(np.float32(math.sqrt(x * x + y * y + shifted * shifted)), MIN_SINE)
+        by_second = alpha / second
+        by_shifted = by_second * shifted + beta
+        seen = known & (z > min_first * distance) & (shifted > min_second * second)
+        r[TD + i], r[Z + i] = r[Z + i], (alpha * second + beta * shifted if seen else ZERO)
+        r[TA + i], r[TB + i] = (by_second + by_shifted * along) * x, (by_second + by_shifted * along) * y
+        r[TC + i] = by_shifted * (along * z + ONE)
 
 
 @njit(**OPTIONS)
-def _project_ocam(k, r):
-    """Solve rho z = h(rho) sine for the image radius rho by Newton's method, from f angle (cameras/ocam.py)."""
-    f, cx, cy, c, d, e, max_angle = k[0], k[2], k[3], k[4], k[5], k[6], k[7]
-    last = NUM_COEFFICIENTS - 1
-    while last > OCAM_POLYNOMIAL and k[last] == ZERO:
-        last -= 1
+def _unshift(r):
+    """Turn the derivative by what `_shift` has put in place of z to one by the point."""
     for i in range(SIDE):
-        known = r[Z + i] == r[Z + i]
-        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
-        sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
-        angle = arctangent2(sine, z)
-        seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))
-        r[SEEN + i] = ONE if seen else ZERO
-        by_length = ONE / np.float32(math.sqrt(sine * sine + z * z))
-        sn, zn = (sine * by_length if seen else ZERO), (z * by_length if seen else ONE)
-        rho, h, slope = (f * angle if seen else ZERO), f, ZERO
-        for _ in range(OCAM_STEPS):
-            h, slope = k[last], ZERO
-            for j in range(last - 1, OCAM_POLYNOMIAL - 1, -1):
-                slope = slope * rho + h
-                h = h * rho + k[j]
-            rho = max(rho - (rho * zn - h * sn) / max(zn - slope * sn, np.float32(1e-3)), ZERO)
-        by_sine = ONE / sine
-        xn, yn = x * by_sine, y * by_sine
-        by_angle = (rho * rho + h * h) / max(h - rho * slope, np.float32(1e-3))
-        by_square = ONE / (sine * sine + z * z)
-        along, across, by_z = by_angle * z * by_square, rho * by_sine, -by_angle * sine * by_square
-        mixed = (along - across) * xn * yn
-        qxx, qyy = along * xn * xn + across * yn * yn, along * yn * yn + across * xn * xn
-        r[U + i], r[V + i] = rho * (xn + e * yn) + cx, rho * (d * xn + c * yn) + cy
-        r[J0 + i], r[J1 + i], r[J2 + i] = qxx + e * mixed, mixed + e * qyy, by_z * (xn + e * yn)
-        r[J3 + i], r[J4 + i], r[J5 + i] = d * qxx + c * mixed, d * mixed + c * qyy, by_z * (d * xn + c * yn)
+        u, v, r[Z + i] = r[J2 + i], r[J5 + i], r[TD + i]
+        r[J0 + i], r[J1 + i], r[J2 + i] = r[J0 + i] + u * r[TA + i], r[J1 + i] + u * r[TB + i], u * r[TC + i]
+        r[J3 + i], r[J4 + i], r[J5 + i] = r[J3 + i] + v * r[TA + i], r[J4 + i] + v * r[TB + i], v * r[TC + i]
 
 
 @njit(**OPTIONS)
 def project(model, k, r):
     """Rows X, Y, Z to pixels U, V and their derivative J by the point; SEEN is 1 where the model has a pixel."""
-    if model == PINHOLE:
-        if not k[4:12].any():
-            _project_undistorted(k, r)
-        else:
-            _project_distorted(k, r)
-    elif model == FISHEYE:
-        _project_fisheye(k, r)
-    elif model == SPHERICAL:
+    if model == SPHERICAL:
         _project_spherical(k, r)
-    elif model == OMNI:
-        _project_omni(k, r)
-    elif model == OCAM:
-        _project_ocam(k, r)
+    elif model == RADIAL:
+        _project_radial(k, r)
     else:
-        _project_double_sphere(k, r)
+        is_shifted = k[13] != ZERO or k[14] != ZERO
+        if is_shifted:
+            _shift(k, r)
+        if k[4:12].any():
+            _project_distorted(k, r)
+        else:
+            _project_undistorted(k, r)
+        if is_shifted:
+            _unshift(r)
 
 
 @njit(**OPTIONS)
@@ -579,29 +539,8 @@ def accumulate(blocks, first, last, T, camera, image, gain, bias, median, width,
 
 
 @njit(**OPTIONS)
-def warp(blocks, T, camera, image, gain, bias, center_u, center_v, out):
-    """Write of every pixel what stands at `NUM_WARPED` into out (NUM_WARPED, blocks * SIDE) f32.
-
-    T (3, 4) f32 reference -> camera; the image's gradient by a point of the camera is that of the light applied.
-    """
-    r, places = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32)
-    for block in range(blocks.size // BLOCK):
-        d = blocks[block * BLOCK : (block + 1) * BLOCK]
-        locate(T, camera, image, d, r, places)
-        first = block * SIDE
-        for i in range(SIDE):
-            a, b, c, e, du, dv = r[TA + i], r[TB + i], r[TC + i], r[TD + i], r[DU + i], r[DV + i]
-            top, bottom = a + du * (b - a), c + du * (e - c)
-            gx, gy = gain * ((b - a) + dv * ((e - c) - (b - a))), gain * (bottom - top)
-            gray = top + dv * (bottom - top)
-            bx, by, bz = d[BX + i], d[BY + i], d[BZ + i]
-            out[0, first + i], out[1, first + i], out[2, first + i] = r[X + i], r[Y + i], r[Z + i]
-            out[3, first + i] = T[0, 0] * bx + T[0, 1] * by + T[0, 2] * bz
-            out[4, first + i] = T[1, 0] * bx + T[1, 1] * by + T[1, 2] * bz
-            out[5, first + i] = T[2, 0] * bx + T[2, 1] * by + T[2, 2] * bz
-            out[6, first + i] = gx * r[J0 + i] + gy * r[J3 + i]
-            out[7, first + i] = gx * r[J1 + i] + gy * r[J4 + i]
-            out[8, first + i] = gx * r[J2 + i] + gy * r[J5 + i]
-            out[9, first + i] = gx * (r[U + i] - center_u) + gy * (r[V + i] - center_v)
-            out[10, first + i], out[11, first + i] = gray, gain * gray + bias - d[GRAY + i]
-            out[12, first + i] = r[SEEN + i]
+def locate_all(blocks, T, camera, image, out):
+    """Write the scratch of every block once it is located to out (B, SCRATCH) f32."""
+    places = np.empty(SIDE, np.int32)
+    for b in range(out.shape[0]):
+        locate(T, camera, image, blocks[b * BLOCK : (b + 1) * BLOCK], out[b], places)

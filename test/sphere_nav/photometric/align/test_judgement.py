@@ -6,8 +6,9 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.align.judgement import classify, correlated_pixels, normal_matrix
+from sphere_nav.photometric.align.judgement import classify, correlated_pixels
 from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.params import PyramidParams
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -19,11 +20,10 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
     view = View(prepare_reference(image, range_m, CAMERA, params), T_BODY_OPTICAL)
     seen = image + np.random.default_rng(3).normal(size=image.shape).astype(np.float32) * np.float32(noise)
-    level = build_pyramid(seen, CAMERA, params.pyramid).levels[0]
-    problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
+    image = RigImage(build_pyramid(seen, CAMERA, params.pyramid), views=(view,))
+    problem = Problem.choose_pixels([image], 0, T_BODY_OPTICAL, params)
     descent = Descent(AlignmentState.start(T_BODY_OPTICAL, 1), 5, motion, True)
-    found = problem.compare(descent.state)
-    return classify(found, normal_matrix(found), descent, 5, overlap, params)
+    return classify(problem.compare(descent.state), descent, 5, overlap, params, np.zeros((6, 6)))
 
 
 def test_a_good_end_is_good_and_its_correlation_that_of_the_pixels(room):
@@ -65,8 +65,8 @@ def measured(room, noise) -> float:
     gray, range_m = room.render(WIDE, SE3.identity())
     now, _ = room.render(WIDE, TURNED)
     pyramid = build_pyramid((now + noise).astype(np.float32), WIDE, ONE_LEVEL.pyramid)
-    views = [View(prepare_reference(gray, range_m, WIDE, ONE_LEVEL), SE3.identity())]
-    problem = Problem.choose_pixels(pyramid.levels[0], views, TURNED, ONE_LEVEL)
+    view = View(prepare_reference(gray, range_m, WIDE, ONE_LEVEL), SE3.identity())
+    problem = Problem.choose_pixels([RigImage(pyramid, views=(view,))], 0, TURNED, ONE_LEVEL)
     return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
 
 

@@ -7,6 +7,7 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -18,8 +19,8 @@ T_WORLD_REFERENCE = SE3.from_planar(0.5, -0.4, 0.3) @ T_BODY_OPTICAL
 def with_itself(image, range_m, params):
     """Return the comparison of an image with itself."""
     view = View(prepare_reference(image, range_m, CAMERA, params), T_WORLD_REFERENCE)
-    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
-    return Problem.choose_pixels(level, [view], T_WORLD_REFERENCE, params)
+    seen = RigImage(build_pyramid(image, CAMERA, params.pyramid), views=(view,))
+    return Problem.choose_pixels([seen], 0, T_WORLD_REFERENCE, params)
 
 
 def cost(problem, T_world_camera):

@@ -69,7 +69,8 @@ def samples_of(shape, noise, number=2000):
     points, gradients = rng.normal([0.0, 0.0, 4.0], 1.0, (number, 3)), rng.normal(0.0, 50.0, (number, 3))
     at, current = rng.uniform(-1.0, 1.0, (number, 2)), np.full(number, 100.0)
     residual = 10.0 * shape(at) + rng.normal(0.0, noise, number)
-    return [(None, [Sample(points, gradients, gradients, np.zeros(number), current, residual, at)])]
+    view, zeros = np.zeros(number, np.int64), np.zeros(number)
+    return [(SE3.identity(), Sample(view, points, gradients, gradients, zeros, current, residual, at))]
 
 
 def wave(half_periods):
@@ -99,12 +100,12 @@ def test_a_fifth_of_the_squares_is_a_gradient():
 def test_steps_end_at_a_tenth_of_the_bias_and_after_six():
     """The first step is 1 m, each later one a share of it: the third ends it if 0.12 < 0.1 (1 + 2 * 0.12)."""
     for share, calls in [(0.99, 6), (0.12, 3), (0.105, 2)]:
-        ((_, (sample,)),) = problem = samples_of(wave(1), 1.0)
+        ((place, sample),) = problem = samples_of(wave(1), 1.0)
         steps = []
 
-        def sampler(_, share=share, steps=steps, sample=sample):
+        def sampler(_, share=share, steps=steps, place=place, sample=sample):
             steps.append(share if steps else 1.0)
-            return [(None, [replace(sample, residual=-sample.by_pose @ [steps[-1], 0.0, 0.0, 0.0, 0.0, 0.0])])]
+            return [(place, replace(sample, residual=-sample.by_pose @ [steps[-1], 0.0, 0.0, 0.0, 0.0, 0.0]))]
 
         find_illumination_bias(sampler, problem, SE3.identity(), PARAMS)
         assert len(steps) == calls

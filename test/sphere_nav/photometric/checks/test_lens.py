@@ -26,14 +26,21 @@ def flow(seed, share=0.0, bend=0.0, step=STEP, light=0.0, number=2000):
     by_point[:, :2] = gradient * focal / depth[:, None]
     by_point[:, 2] = -np.sum(gradient * pixels, axis=1) / depth
     by_stretch, radius = np.sum(gradient * pixels, axis=1), np.linalg.norm(at, axis=1)
-    sample = Sample(points, by_point, by_point, by_stretch, rng.uniform(0, 255, number), np.zeros(number), at)
+    gray, view = rng.uniform(0, 255, number), np.zeros(number, np.int64)
+    sample = Sample(view, points, by_point, by_point, by_stretch, gray, np.zeros(number), at)
     lamp = light * radius**2
     residual = lamp - sample.by_pose @ step - by_stretch * (share + bend * radius**2)
     return replace(sample, residual=residual + rng.normal(0.0, 3.0, number))
 
 
+def joined(*samples):
+    """One image with a view of each."""
+    views = [replace(one, view=np.full(len(one), k)) for k, one in enumerate(samples)]
+    return Sample(*(np.concatenate(parts) for parts in zip(*(vars(one).values() for one in views), strict=True)))
+
+
 def solved(*samples):
-    (found,) = solve_stretches([(None, samples)], {0: ""}, PARAMS)
+    (found,) = solve_stretches([(SE3.identity(), joined(*samples))], {0: ""}, PARAMS)
     return found
 
 
@@ -65,7 +72,7 @@ def test_a_pose_that_takes_a_stretch_over_is_off_by_as_much():
 def test_each_camera_of_a_body_has_its_own():
     place = SE3.exp([0.3, 0.1, 0.0, 0.0, 1.0, 0.0])
     turned = place.inverse().adjoint() @ STEP  # of the body, seen by the second camera
-    cameras = [(None, [flow(1, 0.03)]), (place, [flow(2, -0.02, step=turned)])]
+    cameras = [(SE3.identity(), flow(1, 0.03)), (place, flow(2, -0.02, step=turned))]
     left, right = solve_stretches(cameras, {0: "left", 1: "right"}, PARAMS)
     assert (left.camera, right.camera) == ("left", "right")
     assert (left.share, right.share) == (pytest.approx(0.03, abs=0.003), pytest.approx(-0.02, abs=0.003))
@@ -73,8 +80,8 @@ def test_each_camera_of_a_body_has_its_own():
 
 def test_few_cells_tell_nothing():
     sample = flow(1)
-    assert solve_stretches([(None, [sample.where(sample.at[:, 0] < -0.6)])], {0: ""}, PARAMS) == []
-    assert solve_stretches([(None, [])], {0: ""}, PARAMS) == []
+    for most in (-0.6, -1.0):
+        assert solve_stretches([(SE3.identity(), sample.where(sample.at[:, 0] < most))], {0: ""}, PARAMS) == []
 
 
 @pytest.fixture(scope="module")

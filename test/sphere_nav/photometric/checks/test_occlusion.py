@@ -58,11 +58,11 @@ def gradients(angle, strength, at):
     rows = [strength[:, None] * np.column_stack([np.cos(a), np.sin(a), 0 * a]) for a in (first, first + angle)]
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     zeros = np.zeros(len(at))
-    return Sample(ray, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
+    return Sample(np.zeros(len(at), np.int64), ray, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
 
 
 def share_of(sample):
-    cameras = [(None, [sample])]
+    cameras = [(SE3.identity(), sample)]
     return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
 
 
@@ -106,7 +106,7 @@ def in_grid(cosine, where=None, step=SMALL_STEP):
 
 def found_of(sample):
     """Return the share, whether a bias was looked for, and how often pixels were sampled anew."""
-    calls, cameras = [], [(None, [sample])]
+    calls, cameras = [], [(SE3.identity(), sample)]
     found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity(), PARAMS)
     return found.share, bool(found.xi.any()), len(calls)
 
@@ -154,8 +154,8 @@ def test_a_cell_of_twelve_pixels_is_known():
 def test_a_view_of_fifty_pixels_is_used():
     for number, is_used in [(49, False), (50, True)]:
         sample = in_grid(1.0, np.arange(len(GRID)) < number)
-        ((_, kept),) = exclude_occlusion(lambda _, sample=sample: [(None, [sample])])(SE3.identity())
-        assert bool(kept) == is_used
+        ((_, kept),) = exclude_occlusion(lambda T, sample=sample: [(T, sample)])(SE3.identity())
+        assert bool(len(kept)) == is_used
 
 
 def test_steps_end_when_the_image_moves_by_a_milliradian_and_after_six():

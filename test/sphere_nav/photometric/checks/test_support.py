@@ -8,10 +8,10 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure, sample_images
 from sphere_nav.photometric.checks.support import find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
-from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
+from sphere_nav.photometric.pixels.samples import CameraSamples
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
 from worlds.room import optical, views_of
 
@@ -34,8 +34,9 @@ class Looked:
 
     def sample(self, T_world_camera) -> CameraSamples:
         there = replace(self.found, T_world_camera=T_world_camera)
-        parts = sample_views(self.images[0].pyramid, self.images[0].views, there, PARAMS, None)
-        return [(None, [part for part in parts if len(part.residual) >= MIN_SAMPLES])]
+        return [
+            (one.mount, found.of_views(MIN_SAMPLES)) for one, found in sample_images(self.images, there, PARAMS, None)
+        ]
 
     def support(self, T_world_camera, T_predicted=None):
         return find_support(self.images, self.sample, T_world_camera, PARAMS, T_predicted)

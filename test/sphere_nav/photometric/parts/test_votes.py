@@ -1,6 +1,5 @@
 """Cells of a view: how far each is shifted, which agree, and the chance of as many in a wrong place."""
 
-from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -11,7 +10,7 @@ from sphere_nav.photometric import RegistrationParams, build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.parts.kernels import score_shifts
 from sphere_nav.photometric.parts.registration import _sampler
-from sphere_nav.photometric.parts.votes import Votes, find_shifts, finest_levels, vote
+from sphere_nav.photometric.parts.votes import Votes, finest_levels, vote
 from worlds.parked import CAMERA, SPHERE, TRUTH, parked
 from worlds.room import views_of
 
@@ -43,7 +42,7 @@ def looked(image, view, T_world_body, T_body_camera=None):
 def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view, xi):
     mount = SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])
     levels, cameras = looked(image, view, TRUTH @ mount.inverse() @ SE3.exp(np.array(xi)).inverse(), mount)
-    found = find_shifts(levels, cameras)
+    found = vote(levels, cameras).shifts
     expected = found.by_pose @ np.array(xi)
     assert np.abs(expected).max() > 2.0  # px, or nothing has moved
     near = np.abs(found.shift - expected).max(axis=1) <= 1.5
@@ -53,27 +52,24 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
     votes = vote(levels, cameras)
-    kept = sum(len(part.residual) for _, parts in votes.kept for part in parts)
-    assert kept == len(votes.owner)
+    assert sum(len(sample) for _, sample in votes.kept) == len(votes.owner)
     assert len(np.unique(votes.owner)) == votes.num_agreeing
 
 
 def test_what_may_leave_the_image_when_it_is_shifted_does_not_vote(image, view):
-    levels, [(place, parts)] = looked(image, view, TRUTH)
+    levels, [(place, sample)] = looked(image, view, TRUTH)
     middle, half = np.array([119.5, 89.5]), np.array([119.5, 89.5]) - 8.6  # px; 8 either way, and a neighbour
-    at_edge = [one.where((np.abs(CAMERA.project(one.points)[0] - middle) > half).any(axis=1)) for one in parts]
-    assert vote(levels, [(place, 5 * at_edge)]).num_cells == 0  # of pixels enough
+    at_edge = np.flatnonzero((np.abs(CAMERA.project(sample.points)[0] - middle) > half).any(axis=1))
+    assert vote(levels, [(place, sample.where(np.tile(at_edge, 5)))]).num_cells == 0  # of pixels enough
 
 
 def test_a_view_has_twelve_columns_and_eight_rows_and_twelve_pixels_make_a_cell_known(image, view):
-    levels, [(place, parts)] = looked(image, view, TRUTH)
+    levels, [(place, sample)] = looked(image, view, TRUTH)
 
     def cells_of(columns, rows, most=10_000):
-        u, v = np.rint(CAMERA.project(np.concatenate([part.points for part in parts]))[0]).T
+        u, v = np.rint(CAMERA.project(sample.points)[0]).T
         chosen = np.flatnonzero((u >= columns[0]) & (u < columns[1]) & (v >= rows[0]) & (v < rows[1]))[:most]
-        bounds = np.cumsum([0, *[len(part.residual) for part in parts]])
-        wanted = [np.isin(np.arange(*pair), chosen) for pair in pairwise(bounds)]
-        return vote(levels, [(place, [part.where(own) for part, own in zip(parts, wanted, strict=True)])]).num_cells
+        return vote(levels, [(place, sample.where(chosen))]).num_cells
 
     assert cells_of((80, 120), (68, 113)) == 4  # 20 px wide and 22.5 high
     assert [cells_of((80, 100), (68, 90), most) for most in (11, 12)] == [0, 1]

@@ -36,9 +36,9 @@ def test_small_views_are_not_sampled():
         assert kernels.num_pieces(blocks) == pieces
 
 
-def test_by_camera_says_how_an_increment_of_the_camera_moves_the_reference(T):
-    """T_camera_reference of T_world_camera exp(xi) is exp(-xi) T = T exp(x) with x = A xi; light stays as it is."""
-    A, step = kernels.by_camera(rows_of(T)), 1e-6
+def test_by_body_says_how_an_increment_of_the_body_moves_the_reference(T):
+    """T_body_reference of T_world_body exp(xi) is exp(-xi) T = T exp(x) with x = A xi; light stays as it is."""
+    A, step = kernels.by_body(rows_of(T)), 1e-6
     numeric = [(T.inverse() @ SE3.exp(-step * xi) @ T).log() / step for xi in np.eye(6)]
     np.testing.assert_allclose(A[:6, :6], np.stack(numeric, axis=1), atol=1e-5)
     np.testing.assert_array_equal(A[6:, 6:], np.eye(2))
@@ -55,7 +55,7 @@ def test_the_gradient_advances_by_h_times_the_increment(T, rng):
     kernels.advance_gradient(sums, rows_of(T), xi)
     found, found_g = np.empty((8, 8)), np.empty(8)
     kernels.unpack_sums(sums, found, found_g)
-    np.testing.assert_allclose(found_g, g + H @ kernels.by_camera(rows_of(T)) @ xi, rtol=1e-9)
+    np.testing.assert_allclose(found_g, g + H @ kernels.by_body(rows_of(T)) @ xi, rtol=1e-9)
     np.testing.assert_array_equal(found, H)
     assert sums[44:].tolist() == [3.0, 7.0, 5.0]
 
@@ -65,8 +65,8 @@ CAMERA, HUBER, MIN_SIGMA = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5), 1.345, 1.0
 
 def room():
     """Return room for facts and pieces of all views."""
-    facts = np.full((kernels.MAX_VIEWS, kernels.NUM_FACTS), np.nan)
-    return facts, np.full((kernels.MAX_VIEWS, kernels.NUM_PIECES, NUM_SUMS), np.nan)
+    facts = np.full((2, kernels.NUM_FACTS), np.nan)
+    return facts, np.full((2, kernels.NUM_PIECES, NUM_SUMS), np.nan)
 
 
 def whole_of(case, gain, bias):
@@ -110,17 +110,18 @@ def test_linearize_joins_the_views_by_their_variances(rng):
     T_world_camera = SE3.exp(rng.normal(size=6) * 0.3)
     T_world_reference = np.stack([rows_of(T_world_camera @ case.T) for case in cases])
     light = np.array([[1.2, -6.0], [0.9, 4.0]])
-    empty = np.zeros(0, np.float32)
-    blocks = (*(case.blocks for case in cases), *[empty] * (kernels.MAX_VIEWS - 2))
-    image = kernel_camera(CAMERA), cases[0].level.samples
+    blocks = tuple(case.blocks for case in cases) * 2  # beyond the second they do not count
+    images = 4 * (kernel_camera(CAMERA),), 4 * (cases[0].level.samples,)
+    T_body_camera = SE3.exp(rng.normal(size=6) * 0.3)
+    T_camera_body = np.tile(rows_of(T_body_camera.inverse()), (2, 1, 1))
+    poses = T_world_reference, T_camera_body, rows_of(T_world_camera @ T_body_camera.inverse())
     robust = HUBER, MIN_SIGMA
-    args = T_world_reference, *image, rows_of(T_world_camera), light, robust, facts, pieces
-    H, g, visible = kernels.linearize(blocks, 2, *args)
+    H, g, visible = kernels.linearize(blocks, *images, 2, *poses, light, robust, facts, pieces)
     expected, expected_g, number = np.zeros((10, 10)), np.zeros(10), 0
     for k, case in enumerate(cases):
         products, sigma, count, _, _ = whole_of(case, *light[k])
         A = np.zeros((8, 10))
-        A[:6, :6] = -case.T.inverse().adjoint()
+        A[:6, :6] = -(T_body_camera @ case.T).inverse().adjoint()
         A[6:, 6 + 2 * k : 8 + 2 * k] = np.eye(2)
         expected += A.T @ products[:8, :8] @ A / sigma**2
         expected_g += A.T @ products[:8, 8] / sigma**2
