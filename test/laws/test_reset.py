@@ -32,7 +32,6 @@ from mcl_depth.belief.joint_evidence import ControlDrives, JointEvidence
 from mcl_depth.belief.motion_model import MotionModel
 from mcl_depth.belief.watch import CusumTest
 from mcl_depth.homing import Homing
-from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
 from path_follower.arming import Arming
 from path_follower.consistency import NO_VARIANCE, Comparison, MotionConsistency
@@ -95,7 +94,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                     "status heartbeat beats intake scans peers"),
     "CusumTest": (CusumTest, "reset", ""),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
-    "DepthCache": (lambda: DepthCache(64, lambda count: SimpleNamespace(nbytes=8)), "clear", "capacity stack"),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3), "reset",
                  "grid max_chance"),
     "ExperienceChoice": (lambda: ExperienceChoice(None), "reset", "coarse"),
