@@ -42,6 +42,7 @@ NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
 
 # Choice of an experience (references/test_likeness)
 MIN_EDGE_LEAD = 0.05  # of the likeness of edges, below which two experiences look alike
+MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another one must be more like the image than the first drive
 
 # Prefetch (references/test_prefetch, references/test_reference)
 PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared

@@ -1,8 +1,8 @@
 """Which experience of a map looks like the present image: day or night, summer or winter (MTR's recommendation).
 
-Where nothing is known all experiences within reach are compared with the image by their edges: these say more than grey
-levels in a light that none of them has. What is in use changes only where it does not explain an image well and another
-one does: an image that nothing explains looks like anything.
+Where nothing is known all experiences within reach are compared with the image, by their edges first: these say more
+than grey levels in a light that none of them has. What is in use changes only where it does not explain an image well
+and another one does: an image that nothing explains looks like anything.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD
+from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD, MIN_LIKENESS_LEAD, NUM_COMPARED_POINTS
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -52,8 +52,8 @@ class ExperienceChoice:
     def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
         """Return the experience in use while it explains images; `within_reach`: the nearest key sphere of each.
 
-        Else that whose edges are most like the image; of those nearly alike the first drive's, by whose key spheres
-        later ones were placed.
+        Else that whose edges are most like the image, of those alike in these by grey levels; of those nearly alike in
+        both the first drive's, by whose key spheres later ones were placed.
         """
         known = sight.wanted if sight.wanted in within_reach else self.current if sight.is_followed else None
         if known is not None and known in within_reach:
@@ -61,8 +61,10 @@ class ExperienceChoice:
         if len(within_reach) == 1:
             return next(iter(within_reach))
         edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
-        needed = max(edges.values()) - MIN_EDGE_LEAD
-        return min((one for one in edges if edges[one] >= needed), key=lambda one: within_reach[one].id)
+        sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
+        grays = {one: self.compare(within_reach[one], sight) for one in sharp}
+        needed = max(grays.values()) - MIN_LIKENESS_LEAD
+        return min((one for one in sharp if grays[one] >= needed), key=lambda one: within_reach[one].id)
 
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
         """Return the one in use, else the one whose edges are most like the image, but none which did not do.
@@ -83,6 +85,14 @@ class ExperienceChoice:
         T_sphere_camera = node.T_map_sphere.inverse() @ sight.T_map_camera
         view = cut_view(sight.level.unpadded, sight.level.camera, T_sphere_camera)
         return float(score_headings(view, self._coarse.panorama(node.id))[0])
+
+    def compare(self, node: KeySphere, sight: Sight) -> float:
+        """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""
+        level = self._coarse.reference(node.id).levels[-1]
+        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
+        points, intensity = level.points[:, ::step].T, level.intensity[::step]
+        T_camera_sphere = (sight.T_map_camera.inverse() @ node.T_map_sphere).matrix[None]
+        return float(correlate_poses(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
 
 
 def score_poses(

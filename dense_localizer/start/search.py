@@ -100,14 +100,15 @@ class PoseSearch:
     def _propose_near(self, frame: LocalizerInput, T_map_guess: SE3) -> list[Prediction]:
         """Return a pose and others about it; parts of each image are asked of another one, the pose itself first.
 
-        It is one of them, by local contrast: in another light grey levels that fit nowhere lead away from it.
+        It is one of them, as in another light grey levels that fit nowhere lead away from it; then it is tried by local
+        contrast, too.
         """
         near = [T_map_guess, *self._startup.propose_near(frame.images[self._num_near % len(frame.images)], T_map_guess)]
         asked, self._num_near = self._num_near % len(near), self._num_near + 1
         guesses = [Prediction.guess(pose, is_near=True) for pose in near]
         guesses = [replace(guess, asks_parts=number == asked) for number, guess in enumerate(guesses)]
         is_gray = self._references.knows_contrast and not self._references.by_contrast
-        return [replace(guesses[0], asks_parts=True, by_contrast=True) if is_gray else guesses[0], *guesses[1:]]
+        return guesses + [replace(guesses[0], asks_parts=True, by_contrast=True)] * is_gray
 
     def _propose_anywhere(self, frame: LocalizerInput) -> list[Prediction]:
         """Return poses of an upright camera, of one in another light, of a turned one: in turn, each camera by each.

@@ -70,6 +70,7 @@ class Scripted(ExperienceChoice):
 
     def __init__(self):
         super().__init__(None)
+        self.grays = {}
 
     def look(self, is_followed=True, **likeness):
         """Return the choice, which explains the image."""
@@ -80,6 +81,9 @@ class Scripted(ExperienceChoice):
 
     def compare_edges(self, node, sight):
         return self._likeness[node.experience]
+
+    def compare(self, node, sight):
+        return self.grays.get(node.experience.name, 0.5)
 
 
 NODE = KeySphere(0, 0, SE3.identity())
@@ -95,6 +99,9 @@ def test_what_is_in_use_stays_until_another_experience_explains_an_image():
     assert choice.look(night=0.1) == "night"  # no other within reach
     assert choice.look(is_followed=False, day=0.56, night=0.6) == "day"  # nearly alike: that of the first drive
     assert choice.look(is_followed=False, day=0.54, night=0.6) == "night"
+    for lead, expected in ((0.04, "day"), (0.06, "night")):  # alike by edges: grey levels
+        choice.grays = {"night": 0.5 + lead}
+        assert choice.look(is_followed=False, day=0.6, night=0.6) == expected
 
 
 def test_a_correlation_is_of_what_is_in_view():

@@ -64,7 +64,7 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
     search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
     assert tried[0].T_map_camera is given
     assert len(tried) > 1
-    assert [bool(one.by_contrast) for one in tried] == [True] + [False] * (len(tried) - 1)
+    assert [bool(one.by_contrast) for one in tried] == [False] * (len(tried) - 1) + [True]
     references.close()
 
 
