@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.geometry.kernels import decompress_lzf
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import num_alpha_for, similarity_many
 from mcl_depth.likeness.features import depth_features_many, visual_features
@@ -28,4 +29,5 @@ def warm_up(params: FilterParams) -> None:
     for is_seen in (None, gray > 10.0):
         similarity_many(visual_features(gray, is_seen), stack, num_headings, np.arange(len(stack)))
     GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
+    decompress_lzf(np.frombuffer(bytes(2), np.uint8), np.empty(1, np.uint8))  # as a file is read
     photometric.warm_up()

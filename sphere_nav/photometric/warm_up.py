@@ -17,14 +17,15 @@ from sphere_nav.photometric.params import PyramidParams, RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import build_pyramid
 from sphere_nav.photometric.pixels.reference import View, prepare_reference
 
-CAMERA = Spherical(64, 32)
+CAMERA = Spherical(128, 64)
+NUM_PIXELS = 4096  # half of them, so that some are chosen, and enough for two pieces of an image
 
 
 @cache
 def warm_up() -> None:
     """Run the whole registration once, for both kinds of image; some seconds, or nothing where the cache has it."""
-    params = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
-    image = np.random.default_rng(0).integers(0, 255, (32, 64)).astype(np.uint8)
+    params = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8), max_pixels=NUM_PIXELS)
+    image = np.random.default_rng(0).integers(0, 255, (CAMERA.height, CAMERA.width)).astype(np.uint8)
     range_m = np.full(image.shape, 5.0, np.float32)
     for one in (image, image.astype(np.float32)):
         view = View(prepare_reference(one, range_m, CAMERA, params), SE3.identity())

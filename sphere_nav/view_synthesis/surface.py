@@ -58,8 +58,9 @@ def surface_of(sphere: Sphere) -> Surface:
         if np.all(is_used[row]):
             parts.append(_cap(points[numbers[row]], numbers[row], row, sum(len(part[0]) for part in parts)))
     points, pixels, corners = (np.concatenate(one) for one in zip(*parts, strict=True))
-    image = to_rgb(sphere.image)
-    return Surface(np.ascontiguousarray(points.T), pixels, corners, np.ascontiguousarray(image), camera)
+    pixels = np.ascontiguousarray(pixels)  # a kernel is compiled for each order
+    image = np.ascontiguousarray(to_rgb(sphere.image))
+    return Surface(np.ascontiguousarray(points.T), pixels, corners, image, camera)
 
 
 def _quads(nearness: Floats, camera: Spherical) -> Indices:
