@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
     AXES,
@@ -59,15 +60,8 @@ def evaluate_poses(
     alignment is found on these alone; else on the estimate itself.
     """
     tolerance_ns = round(tolerance_s * 1e9)
-    directions = directions_of_motion(truth)
     covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)
-    if is_interpolated:
-        paired_truth, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
-        paired = estimate[known]
-        directions = directions_of_motion(paired_truth) if known.any() else directions[:0]
-    else:
-        first, second = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
-        paired, paired_truth, directions = estimate[first], truth[second], directions[second]
+    paired, paired_truth, directions = _pair(estimate, truth, tolerance_ns, is_interpolated=is_interpolated)
     if not len(paired):
         raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
     is_chosen = alignment == AUTO
@@ -93,6 +87,18 @@ def evaluate_poses(
         "length_m": float(paired_truth.distances[-1]),
     }
     return Judged(paired_truth, errors, report)
+
+
+def _pair(
+    estimate: Trajectory, truth: Trajectory, tolerance_ns: int, *, is_interpolated: bool
+) -> tuple[Trajectory, Trajectory, Array]:
+    """Return the poses that both have, and the directions (N, 2) in which the truth moves there."""
+    directions = directions_of_motion(truth)
+    if not is_interpolated:
+        first, second = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
+        return estimate[first], truth[second], directions[second]
+    paired_truth, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    return estimate[known], paired_truth, directions_of_motion(paired_truth) if known.any() else directions[:0]
 
 
 def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:

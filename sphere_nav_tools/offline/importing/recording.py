@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -39,12 +39,21 @@ from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.pose_bags import trajectory_of
 
-if TYPE_CHECKING:
-    from sphere_nav_tools.offline.importing.frames import Frames
-
 FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
 SIDES = ("left", "right")
+
+
+class ImageSource(Protocol):
+    """The images of one camera, by their number."""
+
+    def where(self, index: int) -> Path | str:
+        """Return what an image is called in errors."""
+        ...
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return an image (h, w) grey or (h, w, 3) BGR, or a depth image."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ class Recording:
     `write_beside` writes files that belong into the bag's folder.
     """
 
-    cameras: Mapping[str, Frames]
+    cameras: Mapping[str, ImageSource]
     views: Mapping[str, View]
     instants: Sequence[Instant]
     truth: str = ""

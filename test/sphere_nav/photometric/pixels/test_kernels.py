@@ -64,7 +64,7 @@ def test_each_column_gets_its_best_of_what_is_seen_and_of_pixels_that_are_alike_
     pixels = rng.normal(size=(7, 20 * SIDE)).astype(np.float32)
     pixels[4:, : 10 * SIDE] *= 100.0  # what is not seen fixes most, and counts for nothing
     _, keys = pool_of(pixels)
-    seen = np.arange(10 * SIDE, 20 * SIDE, dtype=np.int32)[::2]
+    seen = np.arange(10 * SIDE, 20 * SIDE, 2, dtype=np.int32)
     J = columns_of(pixels)[seen]
     for number in (6, 100, 777):
         best = kernels.best_of(seen, keys, number)
