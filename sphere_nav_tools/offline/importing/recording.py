@@ -17,6 +17,7 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import (
+    MAX_NUMBER,
     MAX_TABLE_BYTES,
     number,
     numbers,
@@ -245,8 +246,8 @@ def read_numbers(
     if not table.size or table.shape != (rows or len(table), columns):
         found = f"{table.shape[0]} x {table.shape[1]}" if table.size else "an empty file"
         raise ValueError(f"{path}: expected {rows or 'N'} x {columns} numbers, found {found}")
-    if not may_lack and not np.isfinite(table).all():
-        raise ValueError(f"{path}: expected finite numbers, found others")
+    if not may_lack and not np.all(np.abs(table) <= MAX_NUMBER):
+        raise ValueError(f"{path}: expected finite numbers up to {MAX_NUMBER:g}, found others")
     return table
 
 

@@ -121,6 +121,8 @@ def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
     assert "001.depth.png: expected an image" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (seven_scenes / "frame-000001.pose.txt").write_text("1 0 0\n")
     assert "pose.txt: expected 4 x 4 numbers, found 1 x 3" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+    (seven_scenes / "frame-000001.pose.txt").write_text("1 0 0 1e20\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    assert "pose.txt: expected finite numbers up to 1e+15" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (kitti / "times.txt").write_text("0.0\n")
     assert "times.txt: expected at least 3 rows (image 000002), found 1" in fails(capsys, tmp_path, "kitti", kitti)
 
