@@ -123,7 +123,7 @@ class Problem:
         end = scales, (params.min_step, float(params.min_pixels)), limit, is_rotation
         known = self._robust, self.expected.weighted(params.correlated_pixels)
         iterations, motion, is_determined = kernels.descend(
-            *self._views, T_world_body, light, *known, *end, facts, pieces
+            self._views, T_world_body, light, *known, *end, facts, pieces
         )
         pose = np.concatenate([T_world_body, [[0.0, 0.0, 0.0, 1.0]]])
         last = AlignmentState(SE3(pose), light)
@@ -134,7 +134,7 @@ class Problem:
     def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
         T_world_body = np.ascontiguousarray(state.T_world_body.matrix[:3])
-        H, g, visible = kernels.linearize(*self._views, T_world_body, state.light, self._robust, *self._room())
+        H, g, visible = kernels.linearize(self._views, T_world_body, state.light, self._robust, *self._room())
         return H, g, int(visible)
 
     def compare(self, state: AlignmentState) -> list[ViewComparison]:

@@ -70,14 +70,23 @@ class _Looked(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """The cells of all images, those that agree, the pixels in them, and the cell of each of these pixels."""
+    """How many cells of all images there are, how many agree, and the looks at pixels of cameras that tell it."""
 
     num_cells: int
     num_agreeing: int
-    kept: CameraSamples
-    owner: NDArray[np.int64]
     looks: Sequence[_Looked] = ()
     cameras: CameraSamples = ()
+
+    @cached_property
+    def kept(self) -> CameraSamples:
+        """The pixels in cells that agree."""
+        pairs = zip(self.looks, self.cameras, strict=True)
+        return [(place, one.where(found.agrees[found.cell])) for found, (place, one) in pairs]
+
+    @cached_property
+    def owner(self) -> NDArray[np.int64]:
+        """The cell of each pixel of `kept`, in the order of the images."""
+        return np.concatenate([k * COLUMNS * ROWS + one.cell[one.agrees[one.cell]] for k, one in enumerate(self.looks)])
 
     @cached_property
     def shifts(self) -> Shifts:
@@ -101,11 +110,9 @@ def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> lis
 def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
     """Return which cells of each image agree, where its pixels are."""
     looks = [_look(level, sample) for level, (_, sample) in zip(levels, cameras, strict=True)]
-    kept = [(place, one.where(found.agrees[found.cell])) for found, (place, one) in zip(looks, cameras, strict=True)]
-    owners = [k * COLUMNS * ROWS + found.cell[found.agrees[found.cell]] for k, found in enumerate(looks)]
     num_cells = sum(int(found.is_known.sum()) for found in looks)
     num_agreeing = sum(int(found.agrees.sum()) for found in looks)
-    return Votes(num_cells, num_agreeing, kept, np.concatenate(owners), looks, cameras)
+    return Votes(num_cells, num_agreeing, looks, cameras)
 
 
 def _join_shifts(looks: Sequence[_Looked], cameras: CameraSamples) -> Shifts:

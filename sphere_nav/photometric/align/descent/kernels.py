@@ -224,23 +224,13 @@ def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, piece
 
 
 @njit(**OPTIONS)
-def linearize(
-    blocks,
-    cameras,
-    images,
-    num_views,
-    T_world_reference,
-    T_camera_body,
-    T_world_body,
-    light,
-    robust,
-    facts,
-    pieces,
-):
+def linearize(views, T_world_body, light, robust, facts, pieces):
     """Robust normal equations of all views at a pose (M15 eq. 4, 6, 8, 19, 30-35), and how many pixels are visible.
 
-    facts (N, NUM_FACTS) and pieces (N, ...) as of `examine`.
+    views are the blocks, cameras and images of N views or more, which beyond N do not count, N, and T_world_reference
+    and T_camera_body (N, 3, 4). facts (N, NUM_FACTS) and pieces (N, ...) as of `examine`.
     """
+    blocks, cameras, images, num_views, T_world_reference, T_camera_body = views
     (huber, min_sigma), n = robust, 6 + 2 * num_views
     H, g = np.zeros((n, n)), np.zeros(n)
     h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
@@ -273,38 +263,22 @@ def image_motion(xi, T_camera_body, per_radian, depth):
 
 
 @njit(**OPTIONS)
-def descend(
-    blocks,
-    cameras,
-    images,
-    num_views,
-    T_world_reference,
-    T_camera_body,
-    T_world_body,
-    light,
-    robust,
-    expected,
-    scales,
-    stop,
-    limit,
-    is_rotation,
-    facts,
-    pieces,
-):
+def descend(views, T_world_body, light, robust, expected, scales, stop, limit, is_rotation, facts, pieces):
     """Iterate at one level (M15 eq. 6-7); T_world_body (3, 4) and light (N, 2) change in place.
 
-    robust is (Huber bound, smallest sigma), expected as of `add_expectation`, scales (N, 2) the pixels per radian of
-    the views and their depth in m, stop (smallest increment in pixels, fewest visible pixels). A pure rotation (eq. 20)
-    leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the images
-    determined it; facts and pieces are those of the last pass, the gradients those after its increment.
+    views as of `linearize`, robust is (Huber bound, smallest sigma), expected as of `add_expectation`, scales (N, 2)
+    the pixels per radian of the views and their depth in m, stop (smallest increment in pixels, fewest visible pixels).
+    A pure rotation (eq. 20) leaves the translation as it is. Returns the iterations, the last increment in pixels, and
+    whether the images determined it; facts and pieces are those of the last pass, the gradients those after its
+    increment.
     """
     min_step, min_pixels = stop
     first = 3 if is_rotation else 0
     motion, iteration = 0.0, 0
     xi, before = np.zeros(8), np.empty((3, 4))
-    views = blocks, cameras, images, num_views, T_world_reference, T_camera_body
+    num_views, T_world_reference, T_camera_body = views[3:]
     while iteration < limit:
-        H, g, visible = linearize(*views, T_world_body, light, robust, facts, pieces)
+        H, g, visible = linearize(views, T_world_body, light, robust, facts, pieces)
         if visible < min_pixels:
             return iteration, motion, False
         add_expectation(T_world_body, expected, H, g)

@@ -58,5 +58,5 @@ def test_the_chance_of_the_best_of_all_motions_is_not_larger_than_told():
         found = cells(rng, 60, 0.0)
         xi = fit_motion(found)
         agree = 0 if xi is None else int(agreeing(found, xi[None]).sum())
-        chances.append(min(Votes(60, agree, [], np.zeros(0, np.int64)).chance * NUM_TRIED_MOTIONS, 1.0))
+        chances.append(min(Votes(60, agree).chance * NUM_TRIED_MOTIONS, 1.0))
     assert np.mean(np.array(chances) <= 0.05) <= 0.05

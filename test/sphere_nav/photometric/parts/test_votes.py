@@ -51,7 +51,7 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
 
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
-    votes = vote(levels, cameras)
+    votes = vote(2 * levels, [*cameras, *cameras])  # a cell of one camera is none of the other
     assert sum(len(sample) for _, sample in votes.kept) == len(votes.owner)
     assert len(np.unique(votes.owner)) == votes.num_agreeing
 
@@ -77,12 +77,12 @@ def test_a_view_has_twelve_columns_and_eight_rows_and_twelve_pixels_make_a_cell_
 
 def test_the_chance_is_binomial_but_for_what_six_numbers_fit_which_says_nothing():
     for agreeing, chance in [(9, 1.4e-3), (12, 3.1e-6), (14, 2.7e-8)]:
-        votes = Votes(43, agreeing, [], np.zeros(0, np.int64))
+        votes = Votes(43, agreeing)
         expected = sum(comb(40, k) * P_CHANCE**k * (1 - P_CHANCE) ** (40 - k) for k in range(agreeing - 3, 41))
         assert votes.chance == pytest.approx(expected, rel=1e-9)
         assert votes.chance == pytest.approx(chance, rel=0.1)
     for number, agreeing in [(0, 0), (3, 3), (40, 0), (40, 3)]:
-        assert Votes(number, agreeing, [], np.zeros(0, np.int64)).chance == 1.0
+        assert Votes(number, agreeing).chance == 1.0
 
 
 def test_a_score_is_the_weighted_sum_of_cosines_of_its_cell_at_each_shift(rng):

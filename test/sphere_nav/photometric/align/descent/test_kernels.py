@@ -114,9 +114,9 @@ def test_linearize_joins_the_views_by_their_variances(rng):
     images = 4 * (kernel_camera(CAMERA),), 4 * (cases[0].level.samples,)
     T_body_camera = SE3.exp(rng.normal(size=6) * 0.3)
     T_camera_body = np.tile(rows_of(T_body_camera.inverse()), (2, 1, 1))
-    poses = T_world_reference, T_camera_body, rows_of(T_world_camera @ T_body_camera.inverse())
-    robust = HUBER, MIN_SIGMA
-    H, g, visible = kernels.linearize(blocks, *images, 2, *poses, light, robust, facts, pieces)
+    T_world_body = rows_of(T_world_camera @ T_body_camera.inverse())
+    views, robust = (blocks, *images, 2, T_world_reference, T_camera_body), (HUBER, MIN_SIGMA)
+    H, g, visible = kernels.linearize(views, T_world_body, light, robust, facts, pieces)
     expected, expected_g, number = np.zeros((10, 10)), np.zeros(10), 0
     for k, case in enumerate(cases):
         products, sigma, count, _, _ = whole_of(case, *light[k])
