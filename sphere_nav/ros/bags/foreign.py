@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -33,6 +34,7 @@ class ForeignBag:
 
     def __init__(self, path: Path) -> None:
         self._path, self._is_open = path, False
+        self._links: TemporaryDirectory[str] | None = None  # to a path that means something in an address
         self._migrations: dict[str, object] = {}  # what the library keeps of each kind
         try:
             self._open(path)
@@ -49,7 +51,10 @@ class ForeignBag:
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
         self._remedy = f"; {SALVAGE}" if any(file.suffix == SQLITE for file in files) else ""
         if self._remedy and set(os.fspath(path.resolve())) & ADDRESS:
-            raise BagError(f"{path}: expected a path without {' '.join(sorted(ADDRESS))}, found one: rename it")
+            self._links = TemporaryDirectory(prefix="sphere_nav_")
+            link = Path(self._links.name, "bag" if path.is_dir() else f"bag{SQLITE}")
+            link.symlink_to(path.resolve())
+            path = link
         self._reader: Any = self._guard(lambda: reader(path))
         self._guard(self._reader.open)
         self._is_open = True
@@ -80,6 +85,8 @@ class ForeignBag:
         if self._is_open:
             self._reader.close()
             self._is_open = False
+        if self._links is not None:
+            self._links.cleanup()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}

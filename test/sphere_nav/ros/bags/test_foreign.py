@@ -8,6 +8,7 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import tempfile
 from contextlib import closing
 from pathlib import Path
 
@@ -110,15 +111,22 @@ def test_what_is_cut_off_is_refused_in_one_line(bag, size):
     assert bag.name in str(caught.value)
 
 
-def test_a_name_that_means_something_in_an_address_is_refused(tmp_path):
+def test_a_path_that_means_something_in_an_address_is_read(tmp_path, monkeypatch):
     """SQLite is asked by address: of these the wrong database would be opened, or none."""
+    (links := tmp_path / "links").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(links))
     written = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)
-    for folder in ("day%202", "site #4", "what?"):
+    for folder in ("day%202", "site #4", "what?", "day 2"):
         path = Path(shutil.copytree(written, tmp_path / folder / "drive"))
-        for source in (path, path / "drive.db3"):
-            with pytest.raises(BagError, match=r"expected a path without # % \?, found one: rename it"):
-                BagReader(source)
-    with BagReader(shutil.copytree(written, tmp_path / "day 2" / "drive")) as bag:
+        odd = Path(shutil.copy(path / "drive.db3", tmp_path / folder / "a#b.db3"))
+        for source in (path, path / "drive.db3", odd):
+            with BagReader(source) as bag:
+                assert len([*bag.messages()]) == 2 * NUM
+    assert not list(links.iterdir())
+    (written / "drive.db3").rename(written / "site#5.db3")
+    metadata = written / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("drive.db3", "'site#5.db3'"))
+    with BagReader(written) as bag:
         assert len([*bag.messages()]) == 2 * NUM
 
 
