@@ -22,8 +22,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.track.align import align_rig
-from dense_localizer.track.candidates import find_candidate
+from dense_localizer.track.candidates import align_rig, find_candidate
 from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry

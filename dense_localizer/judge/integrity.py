@@ -36,9 +36,8 @@ from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
-from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.expectation import Expectation
-from sphere_nav.photometric.align.judgement import UNKNOWN
+from sphere_nav.photometric.align.judgement import GOOD, UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import (

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sphere_nav.geometry import SE3, FrameMotion
-from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
-from sphere_nav.photometric.align.judgement import classify
+from sphere_nav.photometric.align.judgement import Alignment, classify
 from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent, Problem
 from sphere_nav.photometric.align.rig import RigImage, image_overlap, share_pixels
 from sphere_nav.photometric.params import RegistrationParams

@@ -1,4 +1,4 @@
-"""Whether the end of a registration is a result: overlap, texture, outliers, convergence, covariance.
+"""What a registration found, and whether it may be used: overlap, texture, outliers, convergence, covariance.
 
 How many pixels count as one independent observation, measured by how differently parts of the image bias the pose.
 """
@@ -6,18 +6,49 @@ How many pixels count as one independent observation, measured by how differentl
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sphere_nav.estimation.normal_equations import inverse_and_condition
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align import alignment
-from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_COLUMNS
 from sphere_nav.photometric.align.problem import AlignmentState, Descent, ViewComparison
 from sphere_nav.photometric.constants import STUCK
 from sphere_nav.photometric.params import RegistrationParams
+
+GOOD, LOW_OVERLAP, LOW_TEXTURE = "", "LOW_OVERLAP", "LOW_TEXTURE"
+NO_CONVERGENCE, OUTLIERS = "NO_CONVERGENCE", "OUTLIERS"
+UNKNOWN = np.diag(np.full(6, np.inf))  # covariance of a pose that nothing is known of
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Result of `register`. When `reason` is not empty the pose is the last one tried, not to be used.
+
+    covariance (6, 6) is that of xi in T_world_camera @ exp(xi), (v, omega); infinite on the diagonal where nothing
+    is known. overlap is the share of the current image that the references cover, mad in grey levels, ncc the
+    normalised cross correlation of the warped image, gains and biases map current grey levels to each reference's.
+    """
+
+    T_world_camera: SE3
+    covariance: Array
+    reason: str
+    iterations: int
+    num_pixels: int
+    overlap: float
+    inlier_share: float
+    mad: float
+    ncc: float
+    gains: tuple[float, ...]
+    biases: tuple[float, ...]
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the result may be used."""
+        return self.reason == GOOD
 
 
 def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> float:
@@ -36,9 +67,6 @@ def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> floa
     return max(1.0, total / expected) if expected else otherwise
 
 
-UNKNOWN = np.diag(np.full(6, np.inf))
-
-
 def classify(
     found: Sequence[ViewComparison],
     descent: Descent,
@@ -54,22 +82,22 @@ def classify(
     state = descent.state
     num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
-        return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
+        return _refuse(state, LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = sum(view.mad * view.num_visible for view in found) / num_pixels
     correlated = correlated_pixels(found, params.correlated_pixels)
     covariance, condition = _covariance(normal_matrix(found), correlated * known)
-    reason = alignment.GOOD
+    reason = GOOD
     if condition > params.max_condition:
-        reason = alignment.LOW_TEXTURE
+        reason = LOW_TEXTURE
     elif descent.motion > STUCK * params.min_step:
-        reason = alignment.NO_CONVERGENCE
+        reason = NO_CONVERGENCE
     elif mad > params.max_mad:
-        reason = alignment.OUTLIERS
-    if reason != alignment.LOW_TEXTURE:
+        reason = OUTLIERS
+    if reason != LOW_TEXTURE:
         covariance = covariance * correlated
     return Alignment(
         T_world_camera=state.T_world_body.orthonormal(),  # the first guess was a product of many
-        covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
+        covariance=covariance if reason != LOW_TEXTURE else UNKNOWN,
         reason=reason,
         iterations=iterations,
         num_pixels=num_pixels,

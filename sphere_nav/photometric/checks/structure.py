@@ -15,7 +15,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY
-from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, PoseBias
 from sphere_nav.photometric.checks.illumination import find_illumination_bias

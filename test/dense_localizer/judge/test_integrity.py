@@ -14,7 +14,7 @@ from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References, RigChoice
-from dense_localizer.track.align import align_rig
+from dense_localizer.track.candidates import align_rig
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State
 from sphere_nav.params import build

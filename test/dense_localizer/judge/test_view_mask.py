@@ -9,7 +9,7 @@ from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.track.align import align_rig
+from dense_localizer.track.candidates import align_rig
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage

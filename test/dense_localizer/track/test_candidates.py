@@ -1,4 +1,4 @@
-"""Where an image is not explained well, local contrast and the key spheres of another day are asked."""
+"""Local contrast and another day are asked where an image is not explained well; where an alignment begins."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,12 +6,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import NUM_OTHER_EXPERIENCES
+from dense_localizer.constants import CONTRAST_COVARIANCE, NUM_OTHER_EXPERIENCES
 from dense_localizer.motion_prior import Prediction
-from dense_localizer.track.candidates import find_candidate
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import Choice, References
+from dense_localizer.track.candidates import align_rig, find_candidate, find_first_level
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.rig import RigImage
+from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
+PARAMS = build(LocalizerParams, SMALL_IMAGES)
 NAMES = {0: "day", 10: "night", 20: "snow", 30: "rain", 40: "fog"}
 NODES = {number: SimpleNamespace(experience=name) for number, name in NAMES.items()}
 
@@ -209,3 +217,36 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
 
     assert not find_candidate([HERE, replace(HERE, defies_odometry=True)], refuses, Days()).is_accepted
     assert asked == [(), ()]  # of one that is less likely others are not asked
+
+
+def test_the_first_level_is_that_at_which_the_uncertainty_is_a_pixel(room):
+    """110 pixels per radian, the scene at 2 m; position and attitude add up."""
+    for sigma_m, sigma_rad, level in [(0.0, 1.1 / 110, 1), (0.0, 3.9 / 110, 2), (2.2 / 110, 3.1 / 110, 3)]:
+        prediction = Prediction(SE3.identity(), np.diag([sigma_m**2, 0, 0, 0, 0, sigma_rad**2]), 0)
+        choice = Choice((0,), (), 1.0, 0.0, typical_range_m=2.0, region_m=2.0)
+        assert find_first_level(prediction, choice, build_pyramid(room.photograph(PINHOLE, at(0.0)), PINHOLE)) == level
+
+
+def test_by_local_contrast_an_alignment_is_less_sure(room, room_map):
+    pose, references = at(0.1, 0.0, 0.3), References(room_map, PARAMS)
+    image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
+    prediction = replace(Prediction.guess(pose), by_contrast=True)
+    chosen = references.choose_rig([image], prediction)
+    found = align_rig(chosen, prediction, PARAMS)
+    alone = register_rig(chosen.covered, pose, PARAMS.registration)
+    assert found.T_world_camera.distance(pose) < (0.015, 0.008)
+    np.testing.assert_allclose(found.covariance, CONTRAST_COVARIANCE * alone.covariance)
+    references.close()
+
+
+def test_a_sure_prediction_saves_levels_and_a_fallback_or_a_guess_takes_all(room, room_map):
+    pose = at(0.1, 0.0, 0.3)
+    image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
+    sure = Prediction(pose @ SE3.exp([0.003, 0, 0, 0, 0.002, 0]), 1e-8 * np.eye(6), 0)
+    references, iterations = References(room_map, PARAMS), []
+    for prediction in (sure, replace(sure, defies_odometry=True), Prediction.guess(sure.T_map_camera)):
+        found = align_rig(references.choose_rig([image], prediction), prediction, PARAMS)
+        assert found.T_world_camera.distance(pose) < (0.015, 0.008)
+        iterations.append(found.iterations)
+    assert iterations[0] < iterations[1] == iterations[2]
+    references.close()

@@ -7,7 +7,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.illumination import find_illumination_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
