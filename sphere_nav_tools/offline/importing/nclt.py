@@ -19,19 +19,17 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import read_bytes
+from sphere_nav.geometry.files.untrusted import MAX_TABLE_BYTES, read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
+from sphere_nav_tools.offline.importing.files import read_image, read_numbers, require_folder, trajectory
 from sphere_nav_tools.offline.importing.frames import Folder
-from sphere_nav_tools.offline.importing.images import RIG_FRAME, camera_recording, rig_views
 from sphere_nav_tools.offline.importing.recording import (
+    RIG_FRAME,
     Recording,
-    poses_at,
-    read_image,
-    read_numbers,
-    require_folder,
-    trajectory,
-    with_truth,
+    camera_recording,
+    rig_views,
+    with_truth_at,
 )
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
@@ -41,7 +39,7 @@ DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose a
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
-MAX_BYTES = 1 << 30  # 2 million lines of a table of undistortion
+MAX_BYTES = 16 * MAX_TABLE_BYTES  # 2 million lines of a table of undistortion
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 
 
@@ -81,9 +79,9 @@ def open_nclt(folder: Path) -> Recording:
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
-    seen = camera_recording(cameras, rig_views(rig, is_told=True), link=RIG_FRAME)
+    seen = camera_recording(cameras, rig_views(rig), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
-    seen = with_truth(seen, "groundtruth_*.csv", poses_at(truth, seen, MAX_TRUTH_GAP_NS))
+    seen = with_truth_at(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
     instants = []
     for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
