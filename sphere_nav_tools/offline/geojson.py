@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from mcl_depth.geometry.geodetic import AXIS, ECCENTRICITY2, place_on_earth
+from mcl_depth.geometry.geodetic import AXIS, place_on_earth
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.offline.settings import numbers
+from sphere_nav_tools.offline.settings import floats
 
 DECIMALS = 9  # of a degree: a tenth of a millimetre
+NUM_STEPS = 8  # each leaves a hundredth of what is missing
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Datum:
     @classmethod
     def parse(cls, text: str) -> Datum:
         """Read the argument `lat,lon,heading`."""
-        found = cls(*numbers("lat,lon,heading in degrees", 3)(text))
+        found = cls(*floats("lat,lon,heading in degrees", 3)(text))
         if not (abs(found.latitude) < 89.9 and abs(found.longitude) <= 180.0):
             raise ArgumentTypeError(f"expected lat,lon,heading in degrees, found {text!r}")
         return found
@@ -39,13 +40,20 @@ class Datum:
     def locate(self, T_map_any: SE3) -> list[float]:
         """Return longitude and latitude in degrees, and height in m, of a pose.
 
-        Local east, north, up on the ellipsoid through geocentric coordinates, so that kilometres stay right.
+        On the ellipsoid through geocentric coordinates, so that kilometres stay right.
         """
         x, y, z = T_map_any.translation
         c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
-        east, north = s * x - c * y, c * x + s * y
-        axes, origin = place_on_earth(*np.radians([self.latitude, self.longitude]))
-        return _geodetic(origin + axes @ np.array([east, north, z]))
+        latitude, longitude = np.radians([self.latitude, self.longitude])
+        axes, origin = place_on_earth(latitude, longitude)
+        point = origin + axes @ np.array([s * x - c * y, c * x + s * y, z])
+        longitude = np.arctan2(point[1], point[0])
+        for _ in range(NUM_STEPS):  # to the latitude at which the point is straight above
+            axes, origin = place_on_earth(latitude, longitude)
+            _, north, up = (point - origin) @ axes
+            latitude += north / AXIS
+        degrees = [round(float(np.degrees(angle)), DECIMALS) for angle in (longitude, latitude)]
+        return [*degrees, round(float(up), 4)]
 
 
 def geojson(graph: SphereGraph, datum: Datum) -> str:
@@ -65,16 +73,3 @@ def geojson(graph: SphereGraph, datum: Datum) -> str:
 
 def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
     return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
-
-
-def _geodetic(point: np.ndarray) -> list[float]:
-    """Return longitude, latitude in degrees and height in m of a geocentric position, by fixed-point iteration."""
-    x, y, z = point
-    horizontal = np.hypot(x, y)
-    lat = np.arctan2(z, horizontal * (1.0 - ECCENTRICITY2))
-    for _ in range(6):
-        radius = AXIS / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
-        lat = np.arctan2(z + ECCENTRICITY2 * radius * np.sin(lat), horizontal)
-    height = horizontal * np.cos(lat) + z * np.sin(lat) - AXIS**2 / radius
-    degrees = [round(float(np.degrees(value)), DECIMALS) for value in (np.arctan2(y, x), lat)]
-    return [*degrees, round(float(height), 4)]

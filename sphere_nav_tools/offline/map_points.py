@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,27 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
-from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.range_alignment import find_normals
 from sphere_nav.spheres.sphere import Sphere, to_rgb
 
-PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
-    (name, "u1") for name in ("red", "green", "blue")
-]
+COLORS = ("red", "green", "blue")
+# m in the map, a unit normal towards its sphere (0 where unknown), levels
+POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in COLORS])
+Cloud = NDArray[Any]  # (N,) of POINT
 
 
-@dataclass(frozen=True, eq=False)
-class MapPoints:
-    """points (N, 3) m in the map, unit normals (N, 3) towards their sphere (0 where unknown), rgb (N, 3)."""
-
-    points: Floats
-    normals: Floats
-    rgb: Bytes
-
-
-def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
+def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
     rays = pixel_rays(sphere.camera)
     with np.errstate(invalid="ignore"):
@@ -44,37 +34,32 @@ def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
     rgb = to_rgb(sphere.image)
     turned = normals[chosen] @ node.T_map_sphere.rotation.T
     placed = node.T_map_sphere.apply(points[chosen])
-    return MapPoints(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
+    return np.rec.fromarrays([*placed.T, *turned.T, *rgb[chosen].T], dtype=POINT)
 
 
-def write_ply(path: Path, clouds: list[MapPoints]) -> int:
+def write_ply(path: Path, clouds: list[Cloud]) -> int:
     """Write a binary PLY; return the number of points."""
-    points, normals, rgb = joined(clouds)
-    table = np.rec.fromarrays([*points.T, *normals.T, *rgb.T], dtype=PLY_KIND)
-    names = {"<f4": "float", "u1": "uchar"}
+    table = np.concatenate(clouds)
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    head += [f"property {names[code]} {name}" for name, code in PLY_KIND] + ["end_header"]
+    head += [f"property {'uchar' if name in COLORS else 'float'} {name}" for name in POINT.names or ()] + ["end_header"]
     path.write_bytes(("\n".join(head) + "\n").encode() + table.tobytes())
     return len(table)
 
 
-def joined(clouds: list[MapPoints]) -> list[NDArray[Any]]:
-    """Return the points (N, 3), normals and colours of all clouds."""
-    return [np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ("points", "normals", "rgb")]
-
-
-def write_laz(path: Path, clouds: list[MapPoints]) -> int:
+def write_laz(path: Path, clouds: list[Cloud]) -> int:
     """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
-    points, normals, rgb = joined(clouds)
+    table = np.concatenate(clouds)
+    places = np.stack([table[axis] for axis in "xyz"])
     header = laspy.LasHeader(version="1.4", point_format=7)
     header.scales = np.full(3, 0.001)  # m, step of coordinates
-    header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
+    header.offsets = np.floor(places.min(axis=1)) if len(table) else np.zeros(3)
     header.add_extra_dims([laspy.ExtraBytesParams(f"Normal{axis}", "f4") for axis in "XYZ"])
     las = laspy.LasData(header)
-    las.x, las.y, las.z = points.T.astype(np.float64)
-    for axis, values in zip("XYZ", normals.T, strict=True):
-        las[f"Normal{axis}"] = values
-    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * 257  # 255 becomes 65535
+    las.x, las.y, las.z = places.astype(np.float64)
+    for axis in "xyz":
+        las[f"Normal{axis.upper()}"] = table[f"n{axis}"]
+    for name in COLORS:
+        las[name] = table[name].astype(np.uint16) * 257  # 255 becomes 65535
     with path.open("wb") as file:
         las.write(file, do_compress=True)
-    return len(points)
+    return len(table)

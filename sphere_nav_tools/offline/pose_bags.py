@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,15 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.conversions import from_ros_covariance, pose_to_se3, pose_with_covariance_to_se3, stamp_ns
+from sphere_nav.ros.conversions import pose_to_se3, pose_with_covariance_to_se3, stamp_ns
 from sphere_nav.ros.interfaces import type_name
 
-
-def _odometry(message: Odometry) -> tuple[SE3, np.ndarray]:
-    T_map_body = pose_to_se3(message.pose.pose)
-    return T_map_body, from_ros_covariance(message.pose.covariance, T_map_body)
-
-
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
-Reading = Callable[[Any], tuple[SE3, np.ndarray | None]]
-READINGS: dict[str, Reading] = {
+PoseReading = tuple[SE3, Array | None]  # a pose with its covariance (6, 6), where one is told
+READINGS: dict[str, Callable[[Any], PoseReading]] = {
     type_name(PoseStamped): lambda message: (pose_to_se3(message.pose), None),
     type_name(PoseWithCovarianceStamped): pose_with_covariance_to_se3,
-    type_name(Odometry): _odometry,
+    type_name(Odometry): pose_with_covariance_to_se3,
 }
 
 
@@ -40,6 +34,14 @@ def trajectory_of(
     matrices = np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4)
     told = None if covariances is None else np.array(covariances).reshape(-1, 6, 6)
     return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices), told)
+
+
+def sort_poses(poses: Mapping[int, PoseReading]) -> Trajectory:
+    """Return poses by their stamps, in the order of time; with covariances where all have one."""
+    chosen = [poses[stamp] for stamp in sorted(poses)]
+    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
+    told = covariances if len(covariances) == len(chosen) else None
+    return trajectory_of(sorted(poses), [pose for pose, _ in chosen], told)
 
 
 def is_bag(path: Path) -> bool:
@@ -54,18 +56,12 @@ def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
         info = bag.require(name)
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
-        poses = dict(_poses(bag, info.name, READINGS[info.type]))
-    chosen = [poses[stamp] for stamp in sorted(poses)]
-    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
-    told = covariances if len(covariances) == len(chosen) else None
-    return trajectory_of(sorted(poses), [pose for pose, _ in chosen], told)
-
-
-def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, tuple[SE3, np.ndarray | None]]]:
-    for _, _, message in bag.messages([topic]):
-        stamp = stamp_ns(message)
-        with told_at(f"{bag.path}: {topic}: stamp {stamp / 1e9:.9f}", BagError):
-            yield stamp, reading(message)
+        poses = {}
+        for _, _, message in bag.messages([info.name]):
+            stamp = stamp_ns(message)
+            with told_at(f"{path}: {info.name}: stamp {stamp / 1e9:.9f}", BagError):
+                poses[stamp] = READINGS[info.type](message)
+    return sort_poses(poses)
 
 
 def count_of(bag: BagReader, topic: str) -> int:
