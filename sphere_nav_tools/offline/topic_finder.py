@@ -33,7 +33,6 @@ from sphere_nav_tools.offline.topics import (
     TF_STATIC_TOPIC,
     TF_TOPIC,
     camera_names,
-    chosen_topics,
     role_of,
 )
 
@@ -74,7 +73,7 @@ class TopicFinder:
     @classmethod
     def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
         """Take what the user named, and what the driver that he named calls the rest."""
-        finder = cls(bag, chosen_topics(arguments), arguments.mounting)
+        finder = cls(bag, arguments.topics, arguments.mounting)
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen

@@ -15,7 +15,7 @@ from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline import offers
 from sphere_nav_tools.offline.offers import check_stamps, find_offer, odometry_of
 from sphere_nav_tools.offline.topic_finder import TopicFinder
-from sphere_nav_tools.offline.topics import add_options, camera_names, chosen_topics, options_of
+from sphere_nav_tools.offline.topics import add_options, camera_names, options_of
 from worlds.streams import finder_of
 
 
@@ -27,21 +27,21 @@ def parse(*words):
 
 def test_options_name_our_topics():
     words = ("--image", "/a", "--depth-info", "/b", "--camera", "front=/c", "--remap", "/tf:=/d")
-    assert chosen_topics(parse(*words)) == {
+    assert parse(*words).topics == {
         "image_raw": "/a",
         "depth/camera_info": "/b",
         "cameras/front/image_raw": "/c",
         "tf": "/d",
     }
     with pytest.raises(ValueError, match=r"--remap: expected one of our topics .*, found 'imu/data': nobody reads it"):
-        chosen_topics(parse("--remap", "/imu/data:=/d"))
+        parse("--remap", "/imu/data:=/d")
 
 
 def test_what_is_told_is_what_is_understood():
     topics = {"image_raw": "/a", "camera_info": "/camera_info", "cameras/x/image_raw": "/y"}
     words = options_of(topics)
     assert "/camera_info" not in words
-    assert chosen_topics(parse(*words)) == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
+    assert parse(*words).topics == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
     assert camera_names(topics) == ["x"]
 
 
