@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_frames(bag, recording, progress("import", "frame", indices))
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
-    print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
+    print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth or 'none'}")
     return 0
 
 

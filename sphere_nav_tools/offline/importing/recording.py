@@ -76,11 +76,6 @@ class Recording:
     is_truth_of_base: bool = False
     write_beside: Callable[[Path], None] | None = None
 
-    @property
-    def truth_name(self) -> str:
-        """Where the truth comes from; empty where there is none."""
-        return self.truth if any(instant.T_map_link is not None for instant in self.instants) else ""
-
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
         """Return base_link -> the link -> the frames of the cameras whose poses are told."""
         told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
@@ -148,8 +143,8 @@ def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float
 
 def with_truth(recording: Recording, truth: str, poses: Sequence[SE3 | None]) -> Recording:
     """Return the recording with the true poses of its instants; `truth`: where they come from."""
-    pairs = zip(recording.instants, poses, strict=True)
-    return replace(recording, instants=[replace(one, T_map_link=pose) for one, pose in pairs], truth=truth)
+    instants = [replace(one, T_map_link=pose) for one, pose in zip(recording.instants, poses, strict=True)]
+    return replace(recording, instants=instants, truth=truth if any(poses) else "")
 
 
 def with_truth_at(
