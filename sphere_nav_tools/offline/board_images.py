@@ -104,12 +104,11 @@ def check_board_sizes(
         return []
     found: Counter[tuple[int, int]] = Counter()
     given = {tuple(sorted((board.columns, board.rows))) for board in boards}
+    seen = {(view.camera, view.instant) for view in views}
     for name, files in cameras.items():
-        seen = {view.instant for view in views if view.camera == name}
-        for instant in sorted(files, key=lambda instant: (instant not in seen, instant))[:NUM_SIZED]:
-            gray = _read_gray(files[instant])
-            for size in grid_sizes(gray, len(boards)):
-                found[(max(size), min(size))] += 1
+        first = sorted(files, key=lambda instant: ((name, instant) not in seen, instant))[:NUM_SIZED]
+        sizes = (size for instant in first for size in grid_sizes(_read_gray(files[instant]), len(boards)))
+        found.update((max(size), min(size)) for size in sizes)
     count = sum(found.values())
     (columns, rows), most = found.most_common(1)[0] if found else ((0, 0), 0)
     if most < 2 or 2 * most < count or (rows, columns) in given:

@@ -25,18 +25,17 @@ from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
+    ESTIMATE_TOPICS,
     TRUTH_TOPICS,
     Judged,
     alignment_of,
     describe_alignment,
     evaluate_poses,
     read_trajectory,
-    truth_topics,
 )
-from sphere_nav_tools.offline.pose_bags import READINGS, is_bag
+from sphere_nav_tools.offline.pose_bags import READINGS, first_topic, is_bag
 from sphere_nav_tools.offline.tables import columns
 
-POSE_NAMES = ("pose", "odometry")
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
     State.NO_MAP: "#5f6368",
@@ -53,7 +52,7 @@ TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#0072B2", "#D55E0
 def find_pose_topic(bag: BagReader) -> str:
     """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
     topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
-    named = [t for name in POSE_NAMES for t in sorted(topics) if t.split("/")[-1] == name]
+    named = [t for name in ESTIMATE_TOPICS for t in sorted(topics) if t.split("/")[-1] == name]
     return next((topic for topic in named if not any(word in topic for word in TRUTH_WORDS)), "")
 
 
@@ -79,7 +78,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         return None
     if is_bag(truth):
         with BagReader(truth) as bag:
-            if not truth_topics(bag) and not is_required:
+            if not is_required and not first_topic(bag, TRUTH_TOPICS):
                 return None
     true = read_trajectory(truth, None, TRUTH_TOPICS)
     return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)

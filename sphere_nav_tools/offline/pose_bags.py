@@ -15,6 +15,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.conversions import pose_to_se3, pose_with_covariance_to_se3, stamp_ns
 from sphere_nav.ros.interfaces import type_name
 
@@ -52,8 +53,7 @@ def is_bag(path: Path) -> bool:
 def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
     """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
     with BagReader(path) as bag:
-        name = next((topic for topic in topics if count_of(bag, topic)), topics[0])
-        info = bag.require(name)
+        info = bag.require(first_topic(bag, topics) or topics[0])
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
         poses = {}
@@ -64,7 +64,6 @@ def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
     return sort_poses(poses)
 
 
-def count_of(bag: BagReader, topic: str) -> int:
-    """Return how many messages a bag has on a topic."""
-    info = bag.topics.get("/" + topic.lstrip("/"))
-    return info.count if info else 0
+def first_topic(bag: BagReader, topics: Sequence[str]) -> str:
+    """Return the first topic on which a bag has messages; empty: none."""
+    return next((topic for topic in topics if (info := bag.topics.get(absolute(topic))) and info.count), "")

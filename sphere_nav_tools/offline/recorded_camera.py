@@ -42,7 +42,8 @@ def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, floa
 class RecordedCamera:
     """Found by the options of `topics.add_options`; BagError where there is none.
 
-    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any.
+    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any,
+    `frames` are those of the bag.
     """
 
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
@@ -54,7 +55,7 @@ class RecordedCamera:
             info = conversions.as_rectified(
                 told, is_rectified=conversions.is_rectified_topic(self._topics["image_raw"])
             )
-            self.patience = patience(finder.streams, [self._topics["image_raw"]])
+            self.frames, self.patience = finder.frames, patience(finder.streams, [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
         self.odometry = self._topics.get("odom", "")
 
