@@ -71,10 +71,10 @@ def replay_localizer(
         finder = TopicFinder.of(bag, arguments)
         remap = finder.require(finder.find_localizer(arguments.settings))
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
-        given: dict[str, Any] = {**finder.place_camera(remap, arguments.settings), **patience(finder.streams, images)}
+        cameras = topics.camera_names(remap)
+        given: dict[str, Any] = {"rig.cameras": ",".join(cameras)} if cameras else {}
+        given |= finder.place_camera(remap, arguments.settings) | patience(finder.streams, images)
         given |= dict(values) | arguments.settings
-        if cameras := topics.camera_names(remap):
-            given["rig.cameras"] = given.get("rig.cameras", ",".join(cameras))
         node: Any = bus.add(kind, given, remap)
         if arguments.initial_pose is not None:
             told = conversions.se3_to_pose_with_covariance(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,21 +29,18 @@ READINGS: dict[str, Callable[[Any], PoseReading]] = {
 }
 
 
-def trajectory_of(
-    stamps: Sequence[int], poses: Sequence[SE3], covariances: Sequence[Array] | None = None
-) -> Trajectory:
-    """Return poses by their stamps in ns; covariances (6, 6), where there are any."""
+def trajectory_of(stamps: Sequence[int], poses: Sequence[SE3]) -> Trajectory:
+    """Return poses by their stamps in ns."""
     matrices = np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4)
-    told = None if covariances is None else np.array(covariances).reshape(-1, 6, 6)
-    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices), told)
+    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
 
 
 def sort_poses(poses: Mapping[int, PoseReading]) -> Trajectory:
     """Return poses by their stamps, in the order of time; with covariances where all have one."""
     chosen = [poses[stamp] for stamp in sorted(poses)]
     covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
-    told = covariances if len(covariances) == len(chosen) else None
-    return trajectory_of(sorted(poses), [pose for pose, _ in chosen], told)
+    told = np.array(covariances).reshape(-1, 6, 6) if len(covariances) == len(chosen) else None
+    return replace(trajectory_of(sorted(poses), [pose for pose, _ in chosen]), covariances=told)
 
 
 def is_bag(path: Path) -> bool:

@@ -179,23 +179,21 @@ class TopicFinder:
 
     def find_rig(self, names: Sequence[str]) -> Choice:
         """Return the images of those cameras of a rig file that the bag has; none where it has none."""
-        named = dict.fromkeys(f"cameras/{name}/image_raw" for name in camera_names(self.chosen))
-        wanted = {ours: None for name in names if self._offered(ours := f"cameras/{name}/image_raw")} | named
-        if wanted:
-            return self.find([*wanted])
+        named = [f"cameras/{name}/image_raw" for name in camera_names(self.chosen)]
+        offered = [ours for name in names if self._offered(ours := f"cameras/{name}/image_raw")]
+        if offered or named:
+            return self.find([*dict.fromkeys(offered + named)])
         have = ", ".join(stream.topic for stream in self.streams if stream.is_image) or "none"
         return Choice({}, f"expected images of {', '.join(names)} (rig file; or --camera NAME=TOPIC), found {have}")
 
     def find_localizer(self, settings: Mapping[str, Any]) -> Choice:
         """Return what a localiser with these parameters hears."""
-        names, is_panorama = camera_names(self.chosen), bool(settings.get("is_panorama"))
-        if names:
-            images = [f"cameras/{name}/image_raw" for name in names]
-            told = is_panorama or settings.get("rig.calibration")
-            infos = [f"cameras/{n}/camera_info" for n in names if f"cameras/{n}/sphere_info" not in self.chosen]
-            return self.find(images if told else [*images, *infos])
-        if is_panorama:
-            return self.find(["image_raw"])
+        cameras = [f"cameras/{name}/" for name in camera_names(self.chosen)]
+        images = [f"{camera}image_raw" for camera in cameras or ("",)]
+        if settings.get("is_panorama") or (cameras and settings.get("rig.calibration")):
+            return self.find(images)
+        if cameras:
+            return self.find(images + [f"{c}camera_info" for c in cameras if f"{c}sphere_info" not in self.chosen])
         return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
 
     def find_source(self, *, has_rig: bool = False, check: SourceCheck = lambda *_: None) -> tuple[str, Choice]:
@@ -305,7 +303,8 @@ class TopicFinder:
         firsts, kinds = {ours.split("/")[0] for ours in wanted}, {*KINDS, "image_raw"}
         checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
         named = {o: topic for o, topic in checked.items() if o.split("/")[0] in firsts or o.split("/")[0] not in kinds}
-        own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}
+        there = {ours: self.by_name.get(absolute(ours)) for ours in wanted}
+        own = {ours: stream.topic for ours, stream in there.items() if stream is not None and not _fault(stream)}
         return own | named, ["as named"] * bool(named) + ["by their names"] * (not own.keys() <= named.keys())
 
     def _checked(self, ours: str, topic: str) -> str:
@@ -314,7 +313,7 @@ class TopicFinder:
             found = f"no such one (is {near[0]} meant?)" if near else ", ".join(self.by_name) or "none"
             raise BagError(f"{ours}: expected topic {topic}, found {found}")
         stream, role = self.by_name[topic], role_of(ours)
-        if not _is_usable(stream):
+        if _fault(stream):
             raise BagError(f"{ours}: {_names([stream])}")
         if role.types and stream.type not in role.types:
             raise BagError(f"{ours}: {topic}: expected {role.meaning}, found {stream.type}")
@@ -346,11 +345,8 @@ class TopicFinder:
             candidates = kept
         if len(candidates) != 1:
             lacking = [ours for ours, pool in zip(group, pools, strict=True) if not pool][:1] or group
-            wanted = group if candidates else lacking
-            what, options = (
-                " with ".join(role_of(o).meaning for o in wanted),
-                ", ".join(role_of(o).option for o in wanted),
-            )
+            roles = [role_of(ours) for ours in (group if candidates else lacking)]
+            what, options = " with ".join(role.meaning for role in roles), ", ".join(role.option for role in roles)
             if not candidates:
                 raise BagError(f"expected {what} ({options}), found {_names(self.streams)}")
             offered = "; ".join(" with ".join(stream.topic for stream in candidate) for candidate in candidates)
@@ -469,11 +465,10 @@ def _without_twins(streams: Iterable[Stream]) -> list[Stream]:
 def _names(streams: Iterable[Stream]) -> str:
     """Return the topics; what is wrong with those that cannot be used goes before all that are something else."""
     streams = list(streams)
-    broken = [f"{stream.topic} ({stream.problem})" for stream in streams if stream.problem and stream.is_image]
-    broken += [f"{stream.topic} (video: {stream.type})" for stream in streams if stream.type in VIDEO]
+    broken = [f"{stream.topic} ({fault})" for stream in streams if (fault := _fault(stream))]
     return ", ".join(broken or [stream.topic for stream in streams]) or "none"
 
 
-def _is_usable(stream: Stream | None) -> bool:
-    """Whether there is a topic that is neither a video nor images of no use."""
-    return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)
+def _fault(stream: Stream) -> str:
+    """Return why a topic can be nobody's images: it is a video, or none of them can be used."""
+    return f"video: {stream.type}" if stream.type in VIDEO else stream.problem * stream.is_image

@@ -63,8 +63,7 @@ def open_images(
     if is_panorama and not (rig or lens or baseline_m):
         frames, height, width = _sized(folder)
         check_panorama(frames.path, width, height)
-        view = View("", CAMERA_FRAME, Spherical(width, height), is_told=False)
-        return camera_recording({"camera": frames}, {"camera": view}, hz)
+        return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
     if rig is not None:
         return _rig_recording(folder, read_rig(rig), hz)
     if baseline_m is not None and lens is None:
@@ -73,11 +72,11 @@ def open_images(
         raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
     if baseline_m is None:
         frames = open_frames(folder, "")
-        return camera_recording({"camera": frames}, {"camera": View("", OPTICAL_FRAME, _pinhole(frames, lens))}, hz)
-    cameras = {side: open_frames(folder, side) for side in SIDES}
-    model = _pinhole(cameras["left"], lens)
-    views = pair_views(model, model, SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0]), baseline_m)
-    return camera_recording(cameras, views, hz)
+        return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)}, hz)
+    pair = [open_frames(folder, side) for side in SIDES]
+    lenses = [_pinhole(pair[0], lens)] * 2
+    T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
+    return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m), hz)
 
 
 def how_to_import(path: Path) -> list[str]:
@@ -107,8 +106,8 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
     rig = Rig((replace(rig.cameras[0], name="camera"),)) if is_lone else rig
     cameras = {name: open_frames(folder, "" if is_lone else name) for name in rig.names}
     if not is_lone and rig.names != SIDES:
-        return camera_recording(cameras, rig_views(rig, is_told=False), hz, RIG_FRAME)
-    return camera_recording(cameras, rig_views(rig, "" if is_lone else "{}/"), hz)
+        return camera_recording(rig_views(rig, cameras, is_told=False), hz, RIG_FRAME)
+    return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"), hz)
 
 
 def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:

@@ -74,7 +74,7 @@ def open_nclt(folder: Path) -> Recording:
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
-    seen = camera_recording(cameras, rig_views(rig), link=RIG_FRAME)
+    seen = camera_recording(rig_views(rig, cameras), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
     seen = with_truth_at(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
     instants = []

@@ -32,7 +32,7 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class View:
-    """A camera: how its topics begin, its frame, its lens and pose, which the bag tells, or else a rig file.
+    """A camera: how its topics begin, its frame, its images, its lens and pose; a rig file tells those or the bag.
 
     `baseline_m` is that of the right camera of a rectified pair.
     """
@@ -40,6 +40,7 @@ class View:
     prefix: str
     frame_id: str
     camera: Camera
+    frames: Frames
     T_link_camera: SE3 = T_BODY_OPTICAL
     baseline_m: float = 0.0
     is_told: bool = True
@@ -67,7 +68,6 @@ class Recording:
     `write_beside` writes files that belong into the bag's folder.
     """
 
-    cameras: Mapping[str, Frames]
     views: Mapping[str, View]
     instants: Sequence[Instant]
     truth: str = ""
@@ -102,42 +102,41 @@ class Recording:
                 info = camera_to_info(view.camera, stamp, view.frame_id, baseline=view.baseline_m)
                 yield f"{view.prefix}camera_info", info
         for name, (at, stamp) in instant.images.items():
-            view, frames = self.views[name], self.cameras[name]
-            pixels = frames.read(at)
-            require_size(frames.where(at), pixels, view.camera)
+            view = self.views[name]
+            pixels = view.frames.read(at)
+            require_size(view.frames.where(at), pixels, view.camera)
             encoding = "32FC1" if pixels.dtype == np.float32 else "bgr8" if pixels.ndim == 3 else "mono8"
             yield f"{view.prefix}image_raw", array_to_image(pixels, stamp, view.frame_id, encoding)
 
 
 def camera_recording(
-    cameras: Mapping[str, Frames],
-    views: Mapping[str, View],
-    hz: float | None = None,
-    link: str = CAMERA_FRAME,
-    max_gap_ns: int = 0,
+    views: Mapping[str, View], hz: float | None = None, link: str = CAMERA_FRAME, max_gap_ns: int = 0
 ) -> Recording:
     """Return the images of cameras, as of `instants_of`; the first of an instant is that of the instant."""
-    found = instants_of(cameras, hz, max_gap_ns)
+    found = instants_of({name: view.frames for name, view in views.items()}, hz, max_gap_ns)
     instants = [Instant(min(stamp for _, stamp in images.values()), images) for images in found]
-    return Recording(cameras, views, instants, link=link)
+    return Recording(views, instants, link=link)
 
 
-def rig_views(rig: Rig, prefix: str = "cameras/{}/", *, is_told: bool = True) -> dict[str, View]:
-    """Return the cameras of a rig; prefix: how their topics begin, with {} for the name."""
+def rig_views(
+    rig: Rig, frames: Mapping[str, Frames], prefix: str = "cameras/{}/", *, is_told: bool = True
+) -> dict[str, View]:
+    """Return the cameras of a rig with their images; prefix: how their topics begin, with {} for the name."""
+    optical = [(part, frames[part.name], f"{part.name}_optical") for part in rig.cameras]
     return {
-        part.name: View(
-            prefix.format(part.name), f"{part.name}_optical", part.camera, part.T_rig_camera, is_told=is_told
-        )
-        for part in rig.cameras
+        part.name: View(prefix.format(part.name), frame, part.camera, images, part.T_rig_camera, is_told=is_told)
+        for part, images, frame in optical
     }
 
 
-def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float = 0.0) -> dict[str, View]:
+def pair_views(
+    frames: Sequence[Frames], lenses: Sequence[Camera], T_left_right: SE3, baseline_m: float = 0.0
+) -> dict[str, View]:
     """Return a stereo pair whose left camera looks along x of its link; T_left_right between optical axes."""
     poses, baselines = (T_BODY_OPTICAL, T_BODY_OPTICAL @ T_left_right), (0.0, baseline_m)
     return {
-        side: View(f"{side}/", f"{side}_optical", camera, pose, baseline)
-        for side, camera, pose, baseline in zip(SIDES, (left, right), poses, baselines, strict=True)
+        side: View(f"{side}/", f"{side}_optical", lens, images, pose, baseline)
+        for side, lens, images, pose, baseline in zip(SIDES, lenses, frames, poses, baselines, strict=True)
     }
 
 

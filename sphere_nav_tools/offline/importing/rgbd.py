@@ -139,9 +139,9 @@ def _rgbd(
         require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)
 
-    cameras = {"color": Folder(folder, colors), "depth": Folder(folder, depths, read_depth)}
-    views = {"color": View("", OPTICAL_FRAME, camera), "depth": View("depth/", OPTICAL_FRAME, camera)}
-    return camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
+    color = View("", OPTICAL_FRAME, camera, Folder(folder, colors))
+    depth = View("depth/", OPTICAL_FRAME, camera, Folder(folder, depths, read_depth))
+    return camera_recording({"color": color, "depth": depth}, max_gap_ns=MAX_PAIR_GAP_NS)
 
 
 def _mounting(path: Path) -> SE3:

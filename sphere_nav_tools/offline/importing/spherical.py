@@ -43,7 +43,7 @@ def sphere_recording(stamps: Sequence[int], sphere: Callable[[int, int], Sphere]
         return sphere_to_message(sphere(index, stamp), SPHERE_FRAME)
 
     instants = [Instant(stamp, others={"sphere": partial(make, index, stamp)}) for index, stamp in enumerate(stamps)]
-    return Recording({}, {}, instants, link=SPHERE_FRAME)
+    return Recording({}, instants, link=SPHERE_FRAME)
 
 
 def open_spherical(folder: Path) -> Recording:

@@ -5,6 +5,7 @@ Cameras that are not rectified have lenses and poses of their own, told by `came
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,7 @@ from sphere_nav_tools.offline.importing.files import (
 )
 from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder
 from sphere_nav_tools.offline.importing.recording import (
-    SIDES,
     Recording,
-    View,
     ahead_up,
     camera_recording,
     pair_views,
@@ -72,12 +71,10 @@ def open_kitti(folder: Path) -> Recording:
     times, poses = (_optional(folder / name, n, rows) for name, n in (("times.txt", 1), ("poses.txt", 12)))
     seconds = np.array(rows) / DEFAULT_HZ if times is None else times[:, 0]
     stamps = [FIRST_STAMP_NS + round(float(second) * 1e9) for second in seconds]
-    cameras = {
-        side: Folder(at, [(stamp, at / path.name) for stamp, path in zip(stamps, images, strict=True)])
-        for side, at in zip(SIDES, folders, strict=True)
-    }
-    views = pair_views(camera, camera, SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
-    recording = camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
+    listed = list(zip(stamps, images, strict=True))
+    pair = [Folder(at, [(stamp, at / path.name) for stamp, path in listed]) for at in folders]
+    views = pair_views(pair, (camera, camera), SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
+    recording = camera_recording(views, max_gap_ns=MAX_PAIR_GAP_NS)
     if poses is None:
         return recording
     matrices = (np.vstack([row.reshape(3, 4), (0, 0, 0, 1)]) for row in poses)  # of a world whose z points ahead
@@ -93,7 +90,7 @@ def open_euroc(folder: Path) -> Recording:
     truth = None if source is None else _asl_truth(source, T_body_left)
     name = "" if source is None else source.parent.name
     folders = mav / "cam0" / "data", mav / "cam1" / "data"
-    return _stereo(folders, pair_views(left, right, T_body_left.inverse() @ T_body_right), truth, name)
+    return _stereo(folders, (left, right), T_body_left.inverse() @ T_body_right, truth, name)
 
 
 def open_four_seasons(folder: Path) -> Recording:
@@ -102,17 +99,19 @@ def open_four_seasons(folder: Path) -> Recording:
     calibration = next((p / "calibration" for p in (folder, folder.parent) if (p / "calibration").is_dir()), None)
     if calibration is None:
         raise ValueError(f"{folder.parent / 'calibration'}: expected that of 4Seasons, found none")
-    left, right = (_undistorted(calibration / f"undistorted_calib_{number}.txt") for number in (0, 1))
+    lenses = [_undistorted(calibration / f"undistorted_calib_{number}.txt") for number in (0, 1)]
     T_left_right = read_pose(calibration / "undistorted_calib_stereo.txt")
     truth = _gnss_poses(folder) if (folder / "GNSSPoses.txt").is_file() else None
     folders = folder / "undistorted_images" / "cam0", folder / "undistorted_images" / "cam1"
-    return _stereo(folders, pair_views(left, right, T_left_right), truth, "GNSSPoses.txt")
+    return _stereo(folders, lenses, T_left_right, truth, "GNSSPoses.txt")
 
 
-def _stereo(folders: tuple[Path, Path], views: dict[str, View], truth: Trajectory | None, name: str) -> Recording:
+def _stereo(
+    folders: Sequence[Path], lenses: Sequence[Camera], T_left_right: SE3, truth: Trajectory | None, name: str
+) -> Recording:
     """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
-    cameras = {side: Folder(require_folder(at), is_stamped=True) for side, at in zip(SIDES, folders, strict=True)}
-    recording = camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
+    pair = [Folder(require_folder(at), is_stamped=True) for at in folders]
+    recording = camera_recording(pair_views(pair, lenses, T_left_right), max_gap_ns=MAX_PAIR_GAP_NS)
     return with_truth_at(recording, name, truth, MAX_TRUTH_GAP_NS)
 
 
