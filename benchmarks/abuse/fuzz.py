@@ -126,7 +126,7 @@ def _readers(samples: Samples) -> Readers:
         "mission": (samples.mission, read_state),
         "image png": (samples.png, files.read_image),
         "image jpg": (samples.jpg, files.read_image),
-        "depth png": (samples.depth, lambda path: files.read_meters(path, 1000.0)),
+        "depth png": (samples.depth, files.read_meters),
     }
     geometry = {f"geometry {path.stem}{path.suffix}": (path, read_geometry) for path in samples.geometry}
     return readers | geometry

@@ -30,11 +30,11 @@ TIMEOUT = "input.timeout_s"
 def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, float]:
     """Return the time-out for the slowest of the topics with images, where the default is too short for it."""
     wanted, default = set(images), InputParams().timeout_s
-    rates = [stream.rate_hz for stream in streams if stream.topic in wanted and stream.count > 1]
-    if not rates or min(rates) <= 0.0 or SILENT_PERIODS / min(rates) <= default:
+    slowest_hz = min((s.rate_hz for s in streams if s.topic in wanted and s.count > 1), default=0.0)
+    if slowest_hz <= 0.0 or SILENT_PERIODS / slowest_hz <= default:
         return {}
-    timeout_s = round(SILENT_PERIODS / min(rates), 3)
-    text = f"an image every {1.0 / min(rates):.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
+    timeout_s = round(SILENT_PERIODS / slowest_hz, 3)
+    text = f"an image every {1.0 / slowest_hz:.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
     logging.getLogger("sphere_nav.slow_camera").warning(text)
     return {TIMEOUT: timeout_s}
 

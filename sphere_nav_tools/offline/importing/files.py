@@ -48,7 +48,7 @@ def read_rgb(path: Path) -> Bytes:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
 
 
-def read_meters(path: Path, units_per_m: float, far: float = np.nan) -> Floats:
+def read_meters(path: Path, units_per_m: float = 1000.0, far: float = np.nan) -> Floats:
     """Return depth or range (H, W) of a 16-bit image in m; 0 is unknown, 65535 `far`."""
     units = read_image(path, cv2.IMREAD_UNCHANGED, np.uint16)
     if units.ndim != 2:

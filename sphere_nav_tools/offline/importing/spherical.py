@@ -66,7 +66,7 @@ def _open_ring(folder: Path) -> Recording:
     stitcher = Stitcher(rig, build(StitchParams, settings))
 
     def sphere(index: int, stamp: int) -> Sphere:
-        depths = {name: read_meters(names[index] / f"{name.replace('rgb', 'depth')}.png", 1000.0) for name in poses}
+        depths = {name: read_meters(names[index] / f"{name.replace('rgb', 'depth')}.png") for name in poses}
         images = {name: read_rgb(names[index] / f"{name}.png") for name in poses}
         return stitcher.stitch(images, stamp, depths=depths)
 
@@ -94,7 +94,7 @@ def _open_equirectangular(folder: Path) -> Recording:
     def sphere(index: int, stamp: int) -> Sphere:
         image = read_rgb(names[index])
         file = names[index].with_name(names[index].stem.replace("image_", "range_", 1) + ".png")
-        range_m = read_meters(file, 1000.0, np.inf)
+        range_m = read_meters(file, far=np.inf)
         camera = Spherical(image.shape[1], image.shape[0])
         require_size(file, range_m, camera)
         return Sphere(image, range_m, camera, stamp)

@@ -10,8 +10,7 @@ from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.geojson import Datum, geojson
-from sphere_nav_tools.offline.map_points import POINT, cloud_of, write_laz, write_ply
+from sphere_nav_tools.offline.map_points import COLORS, POINT, Datum, cloud_of, geojson, write_laz, write_ply
 
 
 def test_an_edge_of_range_gives_no_normal_across_it():
@@ -22,7 +21,7 @@ def test_an_edge_of_range_gives_no_normal_across_it():
     sphere = Sphere(np.full((32, 64), 9, np.uint8), range_m, Spherical(64, 32))
     cloud = cloud_of(KeySphere(0, 0, SE3.identity(), sphere), sphere, CloudParams(step=1))
     assert len(cloud) == 32 * 64 - 1
-    points, normals = columns(cloud, PLACE), columns(cloud, NORMAL)
+    points, normals = columns(cloud, "xyz"), columns(cloud, NORMAL)
     rays = points / np.linalg.norm(points, axis=1, keepdims=True)
     along = -np.sum(normals * rays, axis=1)
     lengths = np.linalg.norm(normals, axis=1)
@@ -38,11 +37,11 @@ def cloud():
     return np.rec.fromarrays([*points.T, *normals.T, *levels.T], dtype=POINT)
 
 
+NORMAL = ("nx", "ny", "nz")
+
+
 def columns(table, names):
     return np.stack([table[name] for name in names], axis=1)
-
-
-PLACE, NORMAL, COLOR = ("x", "y", "z"), ("nx", "ny", "nz"), ("red", "green", "blue")
 
 
 def test_a_ply_has_every_number_under_its_name(tmp_path):
@@ -52,9 +51,10 @@ def test_a_ply_has_every_number_under_its_name(tmp_path):
     head, body = data.split(b"end_header\n", 1)
     assert b"element vertex 100" in head
     properties = [tuple(line.decode().split()[1:]) for line in head.splitlines() if line.startswith(b"property")]
-    assert properties == [("float", name) for name in PLACE + NORMAL] + [("uchar", name) for name in COLOR]
+    names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    assert properties == list(zip(["float"] * 6 + ["uchar"] * 3, names, strict=True))
     table = np.frombuffer(body, [(name, "<f4" if kind == "float" else "u1") for kind, name in properties])
-    for name in PLACE + NORMAL + COLOR:
+    for name in names:
         np.testing.assert_array_equal(table[name][50:], one[name])
 
 
@@ -63,11 +63,12 @@ def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
     assert write_laz(tmp_path / "a.laz", [one]) == 50
     las = laspy.read(tmp_path / "a.laz")
     np.testing.assert_allclose(las.header.scales, 1e-3)
-    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), columns(one, PLACE), atol=5.1e-4)
-    np.testing.assert_array_equal(
-        np.stack([las.red, las.green, las.blue], axis=1), columns(one, COLOR) * np.uint16(257)
+    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), columns(one, "xyz"), atol=5.1e-4)
+    for name in COLORS:
+        np.testing.assert_array_equal(las[name], one[name] * np.uint16(257))
+    np.testing.assert_allclose(
+        np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), columns(one, ["nx", "ny", "nz"])
     )
-    np.testing.assert_allclose(np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), columns(one, NORMAL))
 
 
 def test_points_are_of_every_so_many_rows_up_to_a_range():
@@ -75,7 +76,7 @@ def test_points_are_of_every_so_many_rows_up_to_a_range():
         sphere = Sphere(np.full((32, 64), 9, np.uint8), np.full((32, 64), 5.0, np.float32), Spherical(64, 32))
         T = SE3.from_planar(1.0, 2.0, 0.5)
         found = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=4, max_range_m=max_range_m))
-        points = columns(found, PLACE)
+        points = columns(found, "xyz")
         assert len(points) == count
         np.testing.assert_allclose(np.linalg.norm(points - T.translation, axis=1), 5.0, rtol=1e-5)
         if count:
