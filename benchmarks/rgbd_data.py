@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav_tools.offline.importing.recording import read_meters, read_pose
+from sphere_nav_tools.offline.importing.files import read_meters, read_pose
 
 CAMERA = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)  # of colour
 DEPTH_CAMERA = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)

@@ -247,7 +247,7 @@ def _replayed(command: ModuleType, place: str | Path, bag: str | Path, options: 
     parser = argparse.ArgumentParser(prog=command.__name__.rsplit(".", 1)[-1], exit_on_error=False)
     command.add_arguments(parser)
     arguments = _parsed(parser, [str(place), str(bag), "-o", "-"], options)
-    return localizing.collect(command.replayed(arguments)).poses
+    return localizing.collect(command.replayed(arguments))[0]
 
 
 def _parsed(parser: argparse.ArgumentParser, words: list[str], options: dict[str, Any]) -> argparse.Namespace:

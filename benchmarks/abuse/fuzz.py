@@ -40,7 +40,7 @@ from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.graph import KeySphere
-from sphere_nav_tools.offline.importing import recording
+from sphere_nav_tools.offline.importing import files
 
 Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
 BATCH = 400  # inputs a child
@@ -119,14 +119,14 @@ def _readers(samples: Samples) -> Readers:
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
-        "table": (samples.table, lambda path: recording.read_numbers(path, 4)),
-        "pose": (samples.table, recording.read_pose),
+        "table": (samples.table, lambda path: files.read_numbers(path, 4)),
+        "pose": (samples.table, files.read_pose),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "routes": (samples.routes, read_network),
         "mission": (samples.mission, read_state),
-        "image png": (samples.png, recording.read_image),
-        "image jpg": (samples.jpg, recording.read_image),
-        "depth png": (samples.depth, recording.read_depth_file),
+        "image png": (samples.png, files.read_image),
+        "image jpg": (samples.jpg, files.read_image),
+        "depth png": (samples.depth, files.read_meters),
     }
     geometry = {f"geometry {path.stem}{path.suffix}": (path, read_geometry) for path in samples.geometry}
     return readers | geometry

@@ -18,7 +18,7 @@ from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav_tools.offline.importing.spherical import open_spherical
 from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
-from sphere_nav_tools.offline.settings import numbers, read_positive
+from sphere_nav_tools.offline.settings import floats, read_positive
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
@@ -80,7 +80,7 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     rgbd = parser.add_argument_group("seven_scenes, tum, rover, images")
     rgbd.add_argument(
         "--camera",
-        type=numbers(f"4 to 12 numbers {LENS}", 4, 12),
+        type=floats(f"4 to 12 numbers {LENS}", 4, 12),
         metavar=LENS,
         help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
     )
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_frames(bag, recording, progress("import", "frame", indices))
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
-    print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
+    print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth or 'none'}")
     return 0
 
 

@@ -9,7 +9,7 @@ from mcl_depth.ros.node import MclDepthNode
 from mcl_depth.site import PRESETS
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
-from sphere_nav_tools.offline import localizing
+from sphere_nav_tools.offline import localizing, topics
 
 HELP = """\
 Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because
@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
     """Yield what the node publishes."""
-    if arguments.camera:
-        raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
+    if cameras := topics.camera_names(arguments.topics):
+        raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(cameras)}")
 
     values = {
         "cloud": arguments.cloud,

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with BagReader(arguments.bag) as bag:
         pose = arguments.pose or plot_figure.find_pose_topic(bag)
-        statuses = plot_figure.read_statuses(bag, arguments.status or plot_figure.find_status(bag))
+        statuses = plot_figure.read_statuses(bag, arguments.status)
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")

@@ -56,8 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [*report_camera(proof), "refused, nothing is written: the camera stays as it is given", *proof.reasons]
         print("\n".join(lines))
         return 1
-    mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.odometry, drive.located)
-    arguments.output.write_text(text_of(proof, drive.frame_id, mounting), encoding="utf-8")
+    mounting, reason = mounting_by_odometry(arguments, drive.recorded, drive.located)
+    arguments.output.write_text(text_of(proof, drive.recorded.frame_id, mounting), encoding="utf-8")
     print("\n".join([*report_camera(proof), f"-> {arguments.output}"]))
     print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
     return 0

@@ -11,7 +11,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.sphere_source import read_sphere
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
-from sphere_nav_tools.offline.settings import numbers, read_pose, read_positive
+from sphere_nav_tools.offline.settings import floats, read_pose, read_positive
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("a", metavar="A", help="reference, with range")
     parser.add_argument("b", metavar="B", help="what is aligned with it")
-    parser.add_argument("--camera", type=numbers("FX,FY,CX,CY", 4), metavar="FX,FY,CX,CY", help="px, of image files")
+    parser.add_argument("--camera", type=floats("FX,FY,CX,CY", 4), metavar="FX,FY,CX,CY", help="px, of image files")
     parser.add_argument("--baseline", type=read_positive, metavar="M", help="m; the files are rectified stereo pairs")
     parser.add_argument(
         "--depth-units", type=float, default=1000.0, metavar="N", help="depth units per m (%(default)s)"

@@ -12,7 +12,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav.geometry.files.untrusted import number
-from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers
+from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, floats
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_network(name)
     name.add_argument(
         "--at",
-        type=numbers("X,Y or X,Y,YAW", 2, 3),
+        type=floats("X,Y or X,Y,YAW", 2, 3),
         required=True,
         metavar="X,Y[,YAW]",
         help="m, m and deg in the map; of several lanes the one that heads so",

@@ -26,14 +26,15 @@ from sphere_nav_tools.offline.importing.frames import VIDEOS, Video, is_image
 from sphere_nav_tools.offline.tables import progress
 
 Source: TypeAlias = Path | NDArray[Any]  # of a grey image: a file, or its levels
+Cameras: TypeAlias = dict[str, dict[str, Source]]  # the images of each by the instant
 NUM_SIZED = 4  # images of a camera whose boards are counted
 NUM_OF_VIDEO = 80  # images that are taken of a video
 
 
-def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
+def find_images(arguments: list[str]) -> Cameras:
     """Return the images of every camera by the instant that their names tell, or their numbers in a video."""
     cameras: dict[str, list[Path]] = defaultdict(list)
-    videos: dict[str, dict[str, Source]] = {}
+    videos: Cameras = {}
     for text in arguments:
         path = Path(text)
         if path.suffix.lower() in VIDEOS:
@@ -70,9 +71,7 @@ def _instant(file: Path, is_by_name: bool) -> str:
     return str(int(numbers[-1]))
 
 
-def detect_boards(
-    cameras: dict[str, dict[str, Source]], boards: tuple[Board, ...]
-) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
+def detect_boards(cameras: Cameras, boards: tuple[Board, ...]) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
     """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
     work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
     sizes: dict[str, tuple[int, int]] = {}
@@ -92,9 +91,7 @@ def detect_boards(
     return sizes, views
 
 
-def check_board_sizes(
-    cameras: dict[str, dict[str, Source]], boards: tuple[Board, ...], views: list[BoardView]
-) -> list[str]:
+def check_board_sizes(cameras: Cameras, boards: tuple[Board, ...], views: list[BoardView]) -> list[str]:
     """Return a line where the chessboards in the images have another size than any that was given.
 
     A detector that is told fewer corners than a board has finds a part of it, another one in each image; one that is
@@ -104,12 +101,11 @@ def check_board_sizes(
         return []
     found: Counter[tuple[int, int]] = Counter()
     given = {tuple(sorted((board.columns, board.rows))) for board in boards}
+    seen = {(view.camera, view.instant) for view in views}
     for name, files in cameras.items():
-        seen = {view.instant for view in views if view.camera == name}
-        for instant in sorted(files, key=lambda instant: (instant not in seen, instant))[:NUM_SIZED]:
-            gray = _read_gray(files[instant])
-            for size in grid_sizes(gray, len(boards)):
-                found[(max(size), min(size))] += 1
+        first = sorted(files, key=lambda instant: ((name, instant) not in seen, instant))[:NUM_SIZED]
+        sizes = (size for instant in first for size in grid_sizes(_read_gray(files[instant]), len(boards)))
+        found.update((max(size), min(size)) for size in sizes)
     count = sum(found.values())
     (columns, rows), most = found.most_common(1)[0] if found else ((0, 0), 0)
     if most < 2 or 2 * most < count or (rows, columns) in given:

@@ -23,8 +23,7 @@ from sphere_nav.geometry.trajectory_error import (
     nees_of_axes,
     relative_errors,
 )
-from sphere_nav.ros.bags import BagReader
-from sphere_nav_tools.offline.pose_bags import count_of, is_bag, read_poses
+from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
@@ -32,7 +31,6 @@ ESTIMATE_TOPICS = ("pose", "odometry")
 AUTO = "auto"  # alignment: by poses where map and truth have frames of their own
 OWN_FRAME = (0.5, np.radians(5.0))  # m, rad that medians are off at least where frames differ, and this many times what
 OWN_FRAME_RATIO = 5.0  # is left once the poses are aligned; test_evaluation
-METRICS = ("translation_m", "rotation_deg", "lateral_m", "longitudinal_m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +147,12 @@ def report_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    values = (errors.translation_m, np.degrees(errors.rotation_rad), errors.lateral_m, errors.longitudinal_m)
-    return {name: _statistics(value) for name, value in zip(METRICS, values, strict=True)}
+    return {
+        "translation_m": _statistics(errors.translation_m),
+        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
+        "lateral_m": _statistics(errors.lateral_m),
+        "longitudinal_m": _statistics(errors.longitudinal_m),
+    }
 
 
 def _relative(estimate: Trajectory, truth: Trajectory, length_m: float) -> dict[str, Any]:
@@ -176,11 +178,6 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
 def _statistics(values: np.ndarray) -> dict[str, float] | None:
     found = Statistics.of(values)
     return None if found is None else dataclasses.asdict(found)
-
-
-def truth_topics(bag: BagReader) -> list[str]:
-    """Return the topics of true poses that a bag has."""
-    return [topic for topic in TRUTH_TOPICS if count_of(bag, topic)]
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:

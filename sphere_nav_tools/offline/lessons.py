@@ -204,20 +204,24 @@ def draw_range(base: MapReader, one: KeyImage) -> Floats:
 
     Key spheres are not blended: small errors of their poses would bring the nearer one to the front everywhere.
     """
-    near = [node.id for node in base.graph.nearest(one.T_map_camera.translation, NUM_DRAWN)]
-    known = [sphere_id for sphere_id in one.references if sphere_id in base.graph.nodes]
     range_m = np.full(one.image.shape, np.nan, np.float32)
-    for sphere_id in dict.fromkeys([*known, *near]):
+    for sphere_id in find_near(base.graph, one):
         placed = PlacedSurface(surface_of(base.load_sphere(sphere_id)), base.graph[sphere_id].T_map_sphere)
         drawn = synthesize([placed], one.T_map_camera, one.camera).range_m
         range_m = np.where(np.isnan(range_m), drawn, range_m)
     return range_m
 
 
+def find_near(graph: SphereGraph, one: KeyImage) -> list[int]:
+    """Return the key spheres that placed an image, then those nearest to it."""
+    known = [sphere_id for sphere_id in one.references if sphere_id in graph.nodes]
+    near = [node.id for node in graph.nearest(one.T_map_camera.translation, NUM_DRAWN)]
+    return list(dict.fromkeys(known + near))
+
+
 def _edge(graph: SphereGraph, one: KeyImage, node: KeySphere, covariance: Array) -> Edge:
     """Return what was measured between a new key sphere and the one of the map that placed it."""
-    known = [sphere_id for sphere_id in one.references if sphere_id in graph.nodes]
-    origin = graph[known[0]] if known else graph.nearest(node.T_map_sphere.translation)[0]
+    origin = graph[find_near(graph, one)[0]]
     T = origin.T_map_sphere.inverse() @ node.T_map_sphere
     return Edge(origin.id, node.id, T, symmetric_inverse(covariance + np.diag(KEY_FLOOR)), is_loop=True)
 

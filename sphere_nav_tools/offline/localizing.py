@@ -7,14 +7,11 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.localization.status import Reason, Status
 from sphere_nav.ros import conversions
@@ -24,7 +21,7 @@ from sphere_nav.ros.bags.replay import OfflineBus, record, replay
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
 from sphere_nav_tools.offline.recorded_camera import patience
 from sphere_nav_tools.offline.settings import add_output, add_settings, check_free, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
@@ -50,16 +47,13 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
     """Write the poses and the summary of what a node published; 1 if there is no pose. ValueError for files there."""
     output = arguments.output
     check_free(arguments, output, arguments.json)
-    told = collect(published)
-    if told.num_set_back:
-        text = "stamps go back %d times: the poses are sorted by stamp; of two with the same stamp the last one holds"
-        logging.getLogger("sphere_nav.clock").warning(text, told.num_set_back)
-    write_tum(output, told.poses)
-    result = told.summary()
+    poses, statuses = collect(published)
+    write_tum(output, poses)
+    result = summarize(poses, statuses)
     if arguments.json:
         write_json(arguments.json, result)
     print(f"{result['images']} images, {result['poses']} poses -> {output}")
-    print("\n".join(describe_states(told.statuses)))
+    print("\n".join(describe_states(statuses)))
     return 0 if result["poses"] else 1
 
 
@@ -76,14 +70,11 @@ def replay_localizer(
         stack.callback(bus.close)
         finder = TopicFinder.of(bag, arguments)
         remap = finder.require(finder.find_localizer(arguments.settings))
-        mounting = arguments.mounting
-        if not mounting and "image_raw" in remap:
-            mounting = finder.note_mounting(remap["image_raw"], arguments.settings)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
-        given = {"mounting": mounting, "camera_frame": finder.odd_frame(remap)}
-        given |= patience(finder.streams, images) | dict(values) | arguments.settings
-        if cameras := topics.camera_names(remap):
-            given["rig.cameras"] = given.get("rig.cameras", ",".join(cameras))
+        cameras = topics.camera_names(remap)
+        given: dict[str, Any] = {"rig.cameras": ",".join(cameras)} if cameras else {}
+        given |= finder.place_camera(remap, arguments.settings) | patience(finder.streams, images)
+        given |= dict(values) | arguments.settings
         node: Any = bus.add(kind, given, remap)
         if arguments.initial_pose is not None:
             told = conversions.se3_to_pose_with_covariance(
@@ -99,33 +90,25 @@ def replay_localizer(
         yield from published
 
 
-@dataclass(frozen=True, eq=False)
-class Told:
-    """What a localiser said: poses by stamp, and the status of each image; `num_set_back`: stamps that go back."""
-
-    poses: Trajectory
-    statuses: list[Status]
-    num_set_back: int
-
-    def summary(self) -> dict[str, Any]:
-        """Return the figures."""
-        answers = [status for status in self.statuses if status.reason != Reason.TIMEOUT]
-        times = milliseconds(self.statuses) or [0.0]
-        return {
-            "images": len(answers),
-            "poses": len(self.poses),
-            "states": Counter(str(status.state) for status in answers),
-            "reasons": Counter(str(status.reason) for status in answers if status.reason),
-            "milliseconds": {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))},
-        }
+def summarize(poses: Trajectory, statuses: Sequence[Status]) -> dict[str, Any]:
+    """Return the figures of what a localiser said."""
+    answers = [status for status in statuses if status.reason != Reason.TIMEOUT]
+    times = milliseconds(statuses) or [0.0]
+    return {
+        "images": len(answers),
+        "poses": len(poses),
+        "states": Counter(str(status.state) for status in answers),
+        "reasons": Counter(str(status.reason) for status in answers if status.reason),
+        "milliseconds": {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))},
+    }
 
 
-def collect(published: Iterable[Recorded]) -> Told:
-    """Return what a node says on pose and status; poses are sorted: a clock may have been set back.
+def collect(published: Iterable[Recorded]) -> tuple[Trajectory, list[Status]]:
+    """Return what a node says on pose and status; poses are sorted: a clock may have been set back, which is told.
 
     BagError where it answers no image.
     """
-    stamps, poses, statuses = list[int](), dict[int, tuple[SE3, Array]](), list[Status]()
+    stamps, poses, statuses = list[int](), dict[int, PoseReading](), list[Status]()
     for item in published:
         if item.topic == "/status":
             statuses.append(conversions.message_to_status(item.message))
@@ -134,9 +117,10 @@ def collect(published: Iterable[Recorded]) -> Told:
             poses[stamps[-1]] = conversions.pose_with_covariance_to_se3(item.message)
     if not poses and all(status.reason == Reason.TIMEOUT for status in statuses):
         raise BagError("no image answered: expected a camera_info of each image's camera, found none in time")
-    found = [poses[stamp] for stamp in sorted(poses)]
-    trajectory = trajectory_of(sorted(poses), [pose for pose, _ in found], [covariance for _, covariance in found])
-    return Told(trajectory, statuses, int(np.sum(np.diff(stamps) <= 0)))
+    if num_set_back := int(np.sum(np.diff(stamps) <= 0)):
+        text = "stamps go back %d times: the poses are sorted by stamp; of two with the same stamp the last one holds"
+        logging.getLogger("sphere_nav.clock").warning(text, num_set_back)
+    return sort_poses(poses), statuses
 
 
 def milliseconds(statuses: Sequence[Status]) -> list[float]:

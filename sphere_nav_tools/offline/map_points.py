@@ -1,7 +1,12 @@
-"""The fused cloud of a map: points of all key spheres with normals and colours, as .ply or .laz."""
+"""A map for other tools: points of all key spheres with normals and colours (.ply, .laz), and where on the earth.
+
+GeoJSON (RFC 7946) has key spheres and edges, given where the origin of the map is.
+"""
 
 from __future__ import annotations
 
+import json
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,28 +15,22 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.geometry.geodetic import AXIS, place_on_earth
 from sphere_mapping.params import CloudParams
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.spheres.graph import KeySphere
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import find_normals
 from sphere_nav.spheres.sphere import Sphere, to_rgb
+from sphere_nav_tools.offline.settings import floats
 
-PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
-    (name, "u1") for name in ("red", "green", "blue")
-]
-
-
-@dataclass(frozen=True, eq=False)
-class MapPoints:
-    """points (N, 3) m in the map, unit normals (N, 3) towards their sphere (0 where unknown), rgb (N, 3)."""
-
-    points: Floats
-    normals: Floats
-    rgb: Bytes
+COLORS = ("red", "green", "blue")
+# m in the map, a unit normal towards its sphere (0 where unknown), levels
+POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in COLORS])
+Cloud = NDArray[Any]  # (N,) of POINT
 
 
-def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
+def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
     rays = pixel_rays(sphere.camera)
     with np.errstate(invalid="ignore"):
@@ -44,37 +43,92 @@ def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
     rgb = to_rgb(sphere.image)
     turned = normals[chosen] @ node.T_map_sphere.rotation.T
     placed = node.T_map_sphere.apply(points[chosen])
-    return MapPoints(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
+    return np.rec.fromarrays([*placed.T, *turned.T, *rgb[chosen].T], dtype=POINT)
 
 
-def write_ply(path: Path, clouds: list[MapPoints]) -> int:
+def write_ply(path: Path, clouds: list[Cloud]) -> int:
     """Write a binary PLY; return the number of points."""
-    points, normals, rgb = joined(clouds)
-    table = np.rec.fromarrays([*points.T, *normals.T, *rgb.T], dtype=PLY_KIND)
-    names = {"<f4": "float", "u1": "uchar"}
+    table = np.concatenate(clouds)
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    head += [f"property {names[code]} {name}" for name, code in PLY_KIND] + ["end_header"]
+    head += [f"property {'uchar' if name in COLORS else 'float'} {name}" for name in POINT.names or ()] + ["end_header"]
     path.write_bytes(("\n".join(head) + "\n").encode() + table.tobytes())
     return len(table)
 
 
-def joined(clouds: list[MapPoints]) -> list[NDArray[Any]]:
-    """Return the points (N, 3), normals and colours of all clouds."""
-    return [np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ("points", "normals", "rgb")]
-
-
-def write_laz(path: Path, clouds: list[MapPoints]) -> int:
+def write_laz(path: Path, clouds: list[Cloud]) -> int:
     """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
-    points, normals, rgb = joined(clouds)
+    table = np.concatenate(clouds)
+    places = np.stack([table[axis] for axis in "xyz"])
     header = laspy.LasHeader(version="1.4", point_format=7)
     header.scales = np.full(3, 0.001)  # m, step of coordinates
-    header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
+    header.offsets = np.floor(places.min(axis=1)) if len(table) else np.zeros(3)
     header.add_extra_dims([laspy.ExtraBytesParams(f"Normal{axis}", "f4") for axis in "XYZ"])
     las = laspy.LasData(header)
-    las.x, las.y, las.z = points.T.astype(np.float64)
-    for axis, values in zip("XYZ", normals.T, strict=True):
-        las[f"Normal{axis}"] = values
-    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * 257  # 255 becomes 65535
+    las.x, las.y, las.z = places.astype(np.float64)
+    for axis in "xyz":
+        las[f"Normal{axis.upper()}"] = table[f"n{axis}"]
+    for name in COLORS:
+        las[name] = table[name].astype(np.uint16) * 257  # 255 becomes 65535
     with path.open("wb") as file:
         las.write(file, do_compress=True)
-    return len(points)
+    return len(table)
+
+
+DECIMALS = 9  # of a degree: a tenth of a millimetre
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Where the origin of a map is: latitude and longitude in degrees, and the heading of its x axis from north.
+
+    The heading is clockwise in degrees, as a compass has it: 90 means that x points east.
+    """
+
+    latitude: float
+    longitude: float
+    heading: float
+
+    @classmethod
+    def parse(cls, text: str) -> Datum:
+        """Read the argument `lat,lon,heading`."""
+        found = cls(*floats("lat,lon,heading in degrees", 3)(text))
+        if not (abs(found.latitude) < 89.9 and abs(found.longitude) <= 180.0):
+            raise ArgumentTypeError(f"expected lat,lon,heading in degrees, found {text!r}")
+        return found
+
+    def locate(self, T_map_any: SE3) -> list[float]:
+        """Return longitude and latitude in degrees, and height in m, of a pose.
+
+        On the ellipsoid through geocentric coordinates, so that kilometres stay right.
+        """
+        x, y, z = T_map_any.translation
+        c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
+        latitude, longitude = np.radians([self.latitude, self.longitude])
+        axes, origin = place_on_earth(latitude, longitude)
+        point = origin + axes @ np.array([s * x - c * y, c * x + s * y, z])
+        longitude = np.arctan2(point[1], point[0])
+        for _ in range(8):  # to the latitude at which the point is straight above; each leaves a hundredth
+            axes, origin = place_on_earth(latitude, longitude)
+            _, north, up = (point - origin) @ axes
+            latitude += north / AXIS
+        degrees = [round(float(np.degrees(angle)), DECIMALS) for angle in (longitude, latitude)]
+        return [*degrees, round(float(up), 4)]
+
+
+def geojson(graph: SphereGraph, datum: Datum) -> str:
+    """Return a FeatureCollection: a point for each key sphere (id, stamp, heading), a line for each edge."""
+    places = {node.id: datum.locate(node.T_map_sphere) for node in graph}
+    features: list[dict[str, Any]] = []
+    for node in sorted(graph, key=lambda node: node.id):
+        ahead = node.T_map_sphere.rotation[:2, 0]
+        heading = (datum.heading - np.degrees(np.arctan2(ahead[1], ahead[0]))) % 360.0
+        properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(float(heading), 3)}
+        features.append(_feature("Point", places[node.id], properties))
+    for edge in graph.edges:
+        properties = {"from": edge.a, "to": edge.b, "loop": edge.is_loop}
+        features.append(_feature("LineString", [places[edge.a], places[edge.b]], properties))
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}

@@ -46,6 +46,14 @@ class Offer:
     reason: str = ""  # by which the topics were told from others
 
 
+def find_offer(job: str, finder: TopicFinder, rig: Path | None = None) -> Offer:
+    """Return what a bag does for a job: map (with the rig file of its cameras), localize, mcl."""
+    try:
+        return {"map": _offer_map, "localize": _offer_localize, "mcl": _offer_mcl}[job](finder, rig)
+    except BagError as error:
+        return Offer(job, missing=str(error).removeprefix(f"{finder.bag.path}: topics: "))
+
+
 def odometry_of(finder: TopicFinder) -> str:
     """Return where odometry comes from: a topic, two frames of /tf, or nowhere (empty)."""
     edge = odometry_edge(finder.frames, BASE_FRAME, MAP_FRAME)
@@ -73,21 +81,20 @@ def check_stamps(finder: TopicFinder, one: str, other: str) -> None:
         raise BagError(f"{other}: expected {expected}, found {1e3 * found_s:.0f} ms at the nearest")
 
 
-def offer_map(finder: TopicFinder, rig: Path | None = None) -> Offer:
-    """Return how to map: from spheres, colour and depth, a stereo pair, or the cameras of a rig."""
+def _offer_map(finder: TopicFinder, rig: Path | None) -> Offer:
+    """From spheres, colour and depth, a stereo pair, or the cameras of a rig."""
     command = ["sphere_nav", "map", str(finder.bag.path), "-o", f"{finder.bag.path.stem}_map"]
     try:
         kind, choice = finder.find_source(has_rig=rig is not None, check=partial(check_source, finder))
-    except BagError as error:
+    except BagError:
         has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
-        if not has_depth and len(finder.views(has_pairs=True)) >= MIN_RIG_CAMERAS:
-            return _offer_rig(finder, rig, command)
-        return Offer("map", missing=str(error).removeprefix(f"{finder.bag.path}: topics: "))
+        if has_depth or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
+            raise
+        return _offer_rig(finder, rig, command)
     if kind == CAMERAS:
         return _offer_rig(finder, rig, command)
-    notes = [NOTES[kind], _rectified(choice.topics)]
-    notes[0] += REGISTERED * ("depth/camera_info" in choice.topics)
-    return Offer("map", command + options_of(choice.topics), "", "; ".join(filter(None, notes)), choice.reason)
+    note = NOTES[kind] + REGISTERED * ("depth/camera_info" in choice.topics) + _rectified(choice.topics)
+    return Offer("map", command + options_of(choice.topics), note=note, reason=choice.reason)
 
 
 NOTES = {"sphere": "from spheres", "rgbd": "from colour and depth", "stereo": "from a stereo pair"}
@@ -95,16 +102,17 @@ REGISTERED = ", depth registered to the images by both calibrations and /tf_stat
 
 
 def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Offer:
-    """Return how to map by several cameras, named as in the rig file, or as their topics differ."""
+    """By several cameras, named as in the rig file, or as their topics differ."""
     if rig is None:
         note = f"from the cameras of a rig, with {RIG_FILE} (sphere_nav calibrate, or rig-convert) that has these names"
-        words = _named_views(finder.views(has_pairs=True))
-        return Offer("map", [*command, "--rig", RIG_FILE, *words], note=note)
+        views = finder.views(has_pairs=True)
+        if not views:
+            raise BagError(finder.find(["image_raw"]).reason)
+        return Offer("map", [*command, "--rig", RIG_FILE, *_named_views(views)], note=note)
     names = list(read_rig(rig).names)
     choice = finder.find_rig(names)
-    if not choice.topics:
-        return Offer("map", missing=choice.reason)
-    found = {name: choice.topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
+    topics = finder.require(choice)
+    found = {name: topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
     lacking = ", ".join(name for name in names if name not in found)
     note = "from the cameras of a rig" + (f", without {lacking}" if lacking else "")
     words = [f"--camera={name}={topic}" for name, topic in found.items()]
@@ -114,7 +122,7 @@ def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Off
 def _rectified(topics: Mapping[str, str]) -> str:
     """Return what is done where images are rectified by their names, nothing where none is."""
     found = [name for ours, name in topics.items() if ours.endswith("image_raw") and is_rectified_topic(name)]
-    return f"{', '.join(found)}: rectified, P of camera_info is used" if found else ""
+    return f"; {', '.join(found)}: rectified, P of camera_info is used" if found else ""
 
 
 NO_ODOMETRY = f"no place is trusted without odometry (nav_msgs/Odometry, or a frame above {BASE_FRAME} on /tf)"
@@ -122,21 +130,17 @@ NO_ODOMETRY = f"no place is trusted without odometry (nav_msgs/Odometry, or a fr
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
-def offer_localize(finder: TopicFinder) -> Offer:
-    """Return how to localise by one camera, or by several that sit on one vehicle."""
-    odometry = odometry_of(finder)
+def _offer_localize(finder: TopicFinder, _: Path | None) -> Offer:
+    """By one camera, or by several that sit on one vehicle."""
     command = ["sphere_nav", "localize", MAP, str(finder.bag.path), "-o", f"{finder.bag.path.stem}.tum"]
     choice, more = _or_panorama(finder, finder.find_localizer({}))
-    if choice.topics:
-        note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
-        note = "; ".join(filter(None, [note, _rectified(choice.topics)]))
-        words = options_of(finder.odometry | choice.topics)
-        return Offer("localize", [*command, *words, *more], note=note, reason=choice.reason)
     views = finder.views(has_pairs=True)
-    if len(views) > 1 and not finder.chosen:
+    if not (choice.topics or finder.chosen) and len(views) > 1:
         with suppress(BagError):
             return _offer_cameras(finder, command, views)
-    return Offer("localize", missing=choice.reason)
+    words, odometry = options_of(finder.require(choice)), odometry_of(finder)
+    note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
+    return Offer("localize", [*command, *words, *more], note=note + _rectified(choice.topics), reason=choice.reason)
 
 
 def _or_panorama(finder: TopicFinder, choice: Choice) -> tuple[Choice, list[str]]:
@@ -154,10 +158,7 @@ def _named_views(views: Sequence[Stream]) -> list[str]:
 
 
 def _offer_cameras(finder: TopicFinder, command: list[str], views: Sequence[Stream]) -> Offer:
-    """Return how to localise by all cameras: lenses and places by the bag, or of many without by the map of the rig.
-
-    BagError where neither tells them.
-    """
+    """By all cameras: lenses and places by the bag, or of many without by the map of the rig; BagError: by neither."""
     words, frames = _named_views(views), finder.frames
     if len(views) >= MIN_RIG_CAMERAS and not any(stream.type == CAMERA_INFO for stream in finder.streams):
         note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
@@ -173,18 +174,15 @@ def _offer_cameras(finder: TopicFinder, command: list[str], views: Sequence[Stre
     return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
 
 
-def offer_mcl(finder: TopicFinder) -> Offer:
-    """Return how to localise in bare geometry."""
+def _offer_mcl(finder: TopicFinder, _: Path | None) -> Offer:
+    """In bare geometry."""
     choice, more = _or_panorama(finder, finder.find(("image_raw", finder.lens)))
-    if not choice.topics:
-        return Offer("mcl", missing=choice.reason)
-    frame = finder.by_name[choice.topics["image_raw"]].frame_id
+    words, frame = options_of(finder.require(choice)), finder.by_name[choice.topics["image_raw"]].frame_id
     if not finder.mounting and not finder.frames.is_connected(BASE_FRAME, frame):
         expected = f"{BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
-        return Offer("mcl", missing=f"expected {expected}, found neither")
+        raise BagError(f"expected {expected}, found neither")
     clouds = ", ".join(stream.topic for stream in finder.streams if stream.type == CLOUD)
     notes = [f"the bag has point clouds, too ({clouds})"] * bool(clouds) + [NO_ODOMETRY] * (not odometry_of(finder))
-    note = "; ".join(["ready", *notes]) if notes else ""
+    note = PANORAMA_NOTE if more else "; ".join(["ready", *notes]) if notes else ""
     command = ["sphere_nav", "mcl", CLOUD_FILE, str(finder.bag.path), "-o", f"{finder.bag.path.stem}_mcl.tum"]
-    words = options_of(finder.odometry | choice.topics)
-    return Offer("mcl", [*command, *words, *more], note=PANORAMA_NOTE if more else note, reason=choice.reason)
+    return Offer("mcl", [*command, *words, *more], note=note, reason=choice.reason)

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
@@ -19,23 +20,22 @@ from sphere_nav.localization.status import TRUSTED, State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
+from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
+    ESTIMATE_TOPICS,
     TRUTH_TOPICS,
     Judged,
     alignment_of,
     describe_alignment,
     evaluate_poses,
     read_trajectory,
-    truth_topics,
 )
-from sphere_nav_tools.offline.pose_bags import READINGS, is_bag
+from sphere_nav_tools.offline.pose_bags import READINGS, first_topic, is_bag
 from sphere_nav_tools.offline.tables import columns
 
-STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
-POSE_NAMES = ("pose", "odometry")
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
     State.NO_MAP: "#5f6368",
@@ -52,26 +52,24 @@ TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#0072B2", "#D55E0
 def find_pose_topic(bag: BagReader) -> str:
     """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
     topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
-    named = [t for name in POSE_NAMES for t in sorted(topics) if t.split("/")[-1] == name]
+    named = [t for name in ESTIMATE_TOPICS for t in sorted(topics) if t.split("/")[-1] == name]
     return next((topic for topic in named if not any(word in topic for word in TRUTH_WORDS)), "")
 
 
-def find_status(bag: BagReader) -> str:
-    """Return the one topic with the status of a localiser; empty: none. BagError for several."""
-    topics = sorted(info.name for info in bag.topics.values() if info.type == STATUS and info.count)
+def read_statuses(bag: BagReader, topic: str | None = None) -> list[Status]:
+    """Return what was said of every image, and of silences, on a topic or on the only one that tells it.
+
+    BagError for several, and for a topic of another type.
+    """
+    kind = type_name(LocalizationStatus)
+    offered = sorted(info.name for info in bag.topics.values() if info.type == kind and info.count)
+    topics = [topic] if topic else offered
     if len(topics) > 1:
         raise BagError(f"{bag.path}: expected one status, found {', '.join(topics)}: choose by --status")
-    return topics[0] if topics else ""
-
-
-def read_statuses(bag: BagReader, topic: str) -> list[Status]:
-    """Return what was said of every image, and of silences; BagError for a topic of another type."""
-    if not topic:
+    if not topics:
         return []
-    info = bag.require(topic)
-    if info.type != STATUS:
-        raise BagError(f"{bag.path}: {info.name}: expected {STATUS}, found {info.type}")
-    return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
+    info = bag.require(topics[0], LocalizationStatus)
+    return [conversions.message_to_status(message) for _, _, message in bag.messages([info.name])]
 
 
 def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = AUTO) -> Judged | None:
@@ -80,7 +78,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         return None
     if is_bag(truth):
         with BagReader(truth) as bag:
-            if not truth_topics(bag) and not is_required:
+            if not is_required and not first_topic(bag, TRUTH_TOPICS):
                 return None
     true = read_trajectory(truth, None, TRUTH_TOPICS)
     return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
@@ -116,10 +114,9 @@ def draw_localization(
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
     lines, marks, views, alignment = {}, {}, [], ""
-    if judged is not None:
+    if judged is not None and poses is not None:
         lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
         views = [partial(_draw_sides, judged), partial(_draw_sizes, judged)]
-    if judged is not None and poses is not None:
         poses = poses.moved(*alignment_of(judged.report))
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]

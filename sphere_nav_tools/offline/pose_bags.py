@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,31 +16,31 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.conversions import from_ros_covariance, pose_to_se3, pose_with_covariance_to_se3, stamp_ns
+from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.conversions import pose_to_se3, pose_with_covariance_to_se3, stamp_ns
 from sphere_nav.ros.interfaces import type_name
 
-
-def _odometry(message: Odometry) -> tuple[SE3, np.ndarray]:
-    T_map_body = pose_to_se3(message.pose.pose)
-    return T_map_body, from_ros_covariance(message.pose.covariance, T_map_body)
-
-
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
-Reading = Callable[[Any], tuple[SE3, np.ndarray | None]]
-READINGS: dict[str, Reading] = {
+PoseReading = tuple[SE3, Array | None]  # a pose with its covariance (6, 6), where one is told
+READINGS: dict[str, Callable[[Any], PoseReading]] = {
     type_name(PoseStamped): lambda message: (pose_to_se3(message.pose), None),
     type_name(PoseWithCovarianceStamped): pose_with_covariance_to_se3,
-    type_name(Odometry): _odometry,
+    type_name(Odometry): pose_with_covariance_to_se3,
 }
 
 
-def trajectory_of(
-    stamps: Sequence[int], poses: Sequence[SE3], covariances: Sequence[Array] | None = None
-) -> Trajectory:
-    """Return poses by their stamps in ns; covariances (6, 6), where there are any."""
+def trajectory_of(stamps: Sequence[int], poses: Sequence[SE3]) -> Trajectory:
+    """Return poses by their stamps in ns."""
     matrices = np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4)
-    told = None if covariances is None else np.array(covariances).reshape(-1, 6, 6)
-    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices), told)
+    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
+
+
+def sort_poses(poses: Mapping[int, PoseReading]) -> Trajectory:
+    """Return poses by their stamps, in the order of time; with covariances where all have one."""
+    chosen = [poses[stamp] for stamp in sorted(poses)]
+    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
+    told = np.array(covariances).reshape(-1, 6, 6) if len(covariances) == len(chosen) else None
+    return replace(trajectory_of(sorted(poses), [pose for pose, _ in chosen]), covariances=told)
 
 
 def is_bag(path: Path) -> bool:
@@ -50,25 +51,17 @@ def is_bag(path: Path) -> bool:
 def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
     """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
     with BagReader(path) as bag:
-        name = next((topic for topic in topics if count_of(bag, topic)), topics[0])
-        info = bag.require(name)
+        info = bag.require(first_topic(bag, topics) or topics[0])
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
-        poses = dict(_poses(bag, info.name, READINGS[info.type]))
-    chosen = [poses[stamp] for stamp in sorted(poses)]
-    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
-    told = covariances if len(covariances) == len(chosen) else None
-    return trajectory_of(sorted(poses), [pose for pose, _ in chosen], told)
+        poses = {}
+        for _, _, message in bag.messages([info.name]):
+            stamp = stamp_ns(message)
+            with told_at(f"{path}: {info.name}: stamp {stamp / 1e9:.9f}", BagError):
+                poses[stamp] = READINGS[info.type](message)
+    return sort_poses(poses)
 
 
-def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, tuple[SE3, np.ndarray | None]]]:
-    for _, _, message in bag.messages([topic]):
-        stamp = stamp_ns(message)
-        with told_at(f"{bag.path}: {topic}: stamp {stamp / 1e9:.9f}", BagError):
-            yield stamp, reading(message)
-
-
-def count_of(bag: BagReader, topic: str) -> int:
-    """Return how many messages a bag has on a topic."""
-    info = bag.topics.get("/" + topic.lstrip("/"))
-    return info.count if info else 0
+def first_topic(bag: BagReader, topics: Sequence[str]) -> str:
+    """Return the first topic on which a bag has messages; empty: none."""
+    return next((topic for topic in topics if (info := bag.topics.get(absolute(topic))) and info.count), "")

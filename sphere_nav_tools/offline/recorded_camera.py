@@ -30,11 +30,11 @@ TIMEOUT = "input.timeout_s"
 def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, float]:
     """Return the time-out for the slowest of the topics with images, where the default is too short for it."""
     wanted, default = set(images), InputParams().timeout_s
-    rates = [stream.rate_hz for stream in streams if stream.topic in wanted and stream.count > 1]
-    if not rates or min(rates) <= 0.0 or SILENT_PERIODS / min(rates) <= default:
+    slowest_hz = min((s.rate_hz for s in streams if s.topic in wanted and s.count > 1), default=0.0)
+    if slowest_hz <= 0.0 or SILENT_PERIODS / slowest_hz <= default:
         return {}
-    timeout_s = round(SILENT_PERIODS / min(rates), 3)
-    text = f"an image every {1.0 / min(rates):.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
+    timeout_s = round(SILENT_PERIODS / slowest_hz, 3)
+    text = f"an image every {1.0 / slowest_hz:.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
     logging.getLogger("sphere_nav.slow_camera").warning(text)
     return {TIMEOUT: timeout_s}
 
@@ -42,7 +42,8 @@ def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, floa
 class RecordedCamera:
     """Found by the options of `topics.add_options`; BagError where there is none.
 
-    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any.
+    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any,
+    `frames` are those of the bag.
     """
 
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
@@ -54,7 +55,7 @@ class RecordedCamera:
             info = conversions.as_rectified(
                 told, is_rectified=conversions.is_rectified_topic(self._topics["image_raw"])
             )
-            self.patience = patience(finder.streams, [self._topics["image_raw"]])
+            self.frames, self.patience = finder.frames, patience(finder.streams, [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
         self.odometry = self._topics.get("odom", "")
 

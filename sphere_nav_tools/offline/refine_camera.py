@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
@@ -32,7 +32,6 @@ from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S,
 from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.tables import progress, quantity_lines
-from sphere_nav_tools.offline.topic_finder import TopicFinder
 from sphere_nav_tools.offline.topics import BASE_FRAME
 
 
@@ -49,10 +48,7 @@ class RecordedDrive:
     """The images of a bag."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self._arguments = arguments
-        self._recorded = RecordedCamera(arguments.source, arguments)
-        self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
-        self.odometry = self._recorded.odometry
+        self._arguments, self.recorded = arguments, RecordedCamera(arguments.source, arguments)
         self.located = trajectory_of([], [])  # the camera, optical axes
 
     def refine(self, sphere_map: MapReader) -> LensProof:
@@ -60,7 +56,7 @@ class RecordedDrive:
 
         Poses that were found by a lens that is far off are far off themselves.
         """
-        given = lens = Lens.of(self.camera, self._arguments.readout)
+        given = lens = Lens.of(self.recorded.camera, self._arguments.readout)
         for _ in range(REFINE_ROUNDS):
             images = self._locate(sphere_map, lens)
             with progress("refine the lens", "step") as bar:
@@ -74,17 +70,17 @@ class RecordedDrive:
 
     def _locate(self, sphere_map: MapReader, lens: Lens) -> list[DriveImage]:
         """Localise the drive with a lens; return images spread over it, with what the map shows there."""
-        given = self._recorded.patience | self._arguments.settings
+        given = self.recorded.patience | self._arguments.settings
         localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
         try:
             self.located = self._localize(localizer, lens.camera)
-            return list(self._collect(localizer, lens.camera, self.located))
+            return list(self._collect(localizer, lens.camera))
         finally:
             localizer.references.close()
 
     def _localize(self, localizer: Localizer, camera: Camera) -> Trajectory:
         stamps, poses = [], []
-        found = self._recorded.localized(localizer, camera)
+        found = self.recorded.localized(localizer, camera)
         for stamp, _, estimate in progress("localise", "image", found):
             candidate = estimate.candidate  # a wrong lens is not trusted
             if candidate is not None and candidate.is_accepted:
@@ -92,14 +88,15 @@ class RecordedDrive:
                 poses.append(candidate.T_map_camera)
         return trajectory_of(stamps, poses)
 
-    def _collect(self, localizer: Localizer, camera: Camera, located: Trajectory) -> Iterator[DriveImage]:
+    def _collect(self, localizer: Localizer, camera: Camera) -> Iterator[DriveImage]:
         """Yield images spread over the drive, with the pixels of the map that they show."""
+        located = self.located
         number = min(self._arguments.images, len(located.stamps_ns))
         indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
         velocities = {int(located.stamps_ns[i]): (int(i), velocity(located, int(i))) for i in indices}
         if all(twist is None for _, twist in velocities.values()):  # too slow for one: no readout, but a lens
             velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
-        for stamp, image in self._recorded.images():
+        for stamp, image in self.recorded.images():
             index, twist = velocities.get(stamp, (0, None))
             if twist is None:
                 continue
@@ -135,20 +132,18 @@ def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:
 
 
 def mounting_by_odometry(
-    arguments: argparse.Namespace, frame_id: str, odometry: str, camera: Trajectory
+    arguments: argparse.Namespace, recorded: RecordedCamera, camera: Trajectory
 ) -> tuple[Mounting | None, str]:
     """Return the mounting by the poses of the camera (optical axes) in the map and the odometry; or none, and why.
 
     It starts from --mounting or /tf_static; without either the camera may look anywhere.
     """
-    if not odometry:
+    if not recorded.odometry:
         return None, "the bag has no odometry"
     given = read_mounting(arguments.mounting)
-    with BagReader(arguments.source) as bag:
-        tree = TopicFinder(bag).frames
-    if given is None and tree.is_connected(BASE_FRAME, frame_id):
-        given = tree.lookup(BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
-    base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
+    if given is None and recorded.frames.is_connected(BASE_FRAME, recorded.frame_id):
+        given = recorded.frames.lookup(BASE_FRAME, recorded.frame_id) @ T_BODY_OPTICAL.inverse()
+    base, is_known = read_poses(Path(arguments.source), (recorded.odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
     T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
     try:
         return find_mounting(T_map_body, base.T_map_body, given), ""

@@ -24,7 +24,7 @@ class SettingAction(argparse.Action):
         setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
 
 
-def numbers(expected: str, least: int, most: int = 0) -> Callable[[str], tuple[float, ...]]:
+def floats(expected: str, least: int, most: int = 0) -> Callable[[str], tuple[float, ...]]:
     """Return the type of an argument of so many finite numbers that are separated by commas."""
 
     def read(text: str) -> tuple[float, ...]:
@@ -41,7 +41,7 @@ def numbers(expected: str, least: int, most: int = 0) -> Callable[[str], tuple[f
 
 def read_pose(text: str) -> SE3:
     """Return the pose of an argument x,y,z,qx,qy,qz,qw."""
-    values = numbers("x,y,z,qx,qy,qz,qw", 7)(text)
+    values = floats("x,y,z,qx,qy,qz,qw", 7)(text)
     try:
         return SE3.from_quaternion(values[3:], values[:3])
     except ValueError as error:
@@ -50,7 +50,7 @@ def read_pose(text: str) -> SE3:
 
 def read_positive(text: str) -> float:
     """Return the finite positive number of an argument."""
-    (found,) = numbers("a positive number", 1)(text)
+    (found,) = floats("a positive number", 1)(text)
     if found <= 0:
         raise argparse.ArgumentTypeError(f"expected a positive number, found {text}")
     return found

@@ -11,7 +11,7 @@ import difflib
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice, product
 from typing import Any
 
@@ -33,7 +33,6 @@ from sphere_nav_tools.offline.topics import (
     TF_STATIC_TOPIC,
     TF_TOPIC,
     camera_names,
-    chosen_topics,
     role_of,
 )
 
@@ -45,7 +44,8 @@ INFRARED = ("ir", "infra", "infra1", "infra2")  # names of cameras whose light a
 RGBD, STEREO = ("image_raw", DEPTH), ("left/image_raw", "right/image_raw")  # images that are chosen together
 Candidate = tuple[Stream, ...]
 Preference = tuple[str, Callable[[Candidate, Sequence[Candidate]], float]]  # a word; rank of one among all
-Check = Callable[[str, dict[str, str]], None]  # of a kind and its topics; ValueError: they do not belong together
+Check = Callable[[dict[str, str]], None]  # of topics by ours; ValueError: they do not belong together
+SourceCheck = Callable[[str, dict[str, str]], None]  # the same, of a kind and its topics
 KINDS = {
     "cameras": CAMERAS,
     "left": "stereo",
@@ -73,7 +73,7 @@ class TopicFinder:
     @classmethod
     def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
         """Take what the user named, and what the driver that he named calls the rest."""
-        finder = cls(bag, chosen_topics(arguments), arguments.mounting)
+        finder = cls(bag, arguments.topics, arguments.mounting)
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
@@ -157,47 +157,46 @@ class TopicFinder:
             raise BagError(f"{self.bag.path}: topics: {choice.reason}")
         return self.odometry | choice.topics
 
-    def find(self, wanted: Sequence[str]) -> Choice:
-        """Return the bag's topic for each of ours."""
+    def find(self, wanted: Sequence[str], check: Check = lambda _: None) -> Choice:
+        """Return the bag's topic for each of ours; `check` raises ValueError where they do not belong together."""
         try:
             found, reasons = self._given(wanted)
             for group in _groups(wanted):
                 images, reason = self._choose(group, found)
-                found |= {ours: image.topic for ours, image in zip(group, images, strict=True)}
                 reasons += [reason]
                 for ours, image in zip(group, images, strict=True):
+                    found[ours] = image.topic
                     info = ours.removesuffix("image_raw") + "camera_info"
                     if info in wanted or (ours == DEPTH and not _is_registered(images)):
                         found[info] = self.calibration_of(image, info, found.get(info, "")).topic
                     elif "sphere_info" in wanted and "sphere_info" not in found:
                         found["sphere_info"] = self._panorama(image).topic
-        except BagError as error:
+            check(found)
+        except ValueError as error:
             return Choice({}, str(error))
         reason = ", ".join(dict.fromkeys(filter(None, reasons))) or "the only ones"
         return Choice({ours: found[ours] for ours in (*wanted, *found) if ours in found}, reason)
 
     def find_rig(self, names: Sequence[str]) -> Choice:
         """Return the images of those cameras of a rig file that the bag has; none where it has none."""
-        named = dict.fromkeys(f"cameras/{name}/image_raw" for name in camera_names(self.chosen))
-        wanted = {ours: None for name in names if self._offered(ours := f"cameras/{name}/image_raw")} | named
-        if wanted:
-            return self.find([*wanted])
+        named = [f"cameras/{name}/image_raw" for name in camera_names(self.chosen)]
+        offered = [ours for name in names if self._offered(ours := f"cameras/{name}/image_raw")]
+        if offered or named:
+            return self.find([*dict.fromkeys(offered + named)])
         have = ", ".join(stream.topic for stream in self.streams if stream.is_image) or "none"
         return Choice({}, f"expected images of {', '.join(names)} (rig file; or --camera NAME=TOPIC), found {have}")
 
     def find_localizer(self, settings: Mapping[str, Any]) -> Choice:
         """Return what a localiser with these parameters hears."""
-        names, is_panorama = camera_names(self.chosen), bool(settings.get("is_panorama"))
-        if names:
-            images = [f"cameras/{name}/image_raw" for name in names]
-            told = is_panorama or settings.get("rig.calibration")
-            infos = [f"cameras/{n}/camera_info" for n in names if f"cameras/{n}/sphere_info" not in self.chosen]
-            return self.find(images if told else [*images, *infos])
-        if is_panorama:
-            return self.find(["image_raw"])
+        cameras = [f"cameras/{name}/" for name in camera_names(self.chosen)]
+        images = [f"{camera}image_raw" for camera in cameras or ("",)]
+        if settings.get("is_panorama") or (cameras and settings.get("rig.calibration")):
+            return self.find(images)
+        if cameras:
+            return self.find(images + [f"{c}camera_info" for c in cameras if f"{c}sphere_info" not in self.chosen])
         return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
 
-    def find_source(self, *, has_rig: bool = False, check: Check = lambda *_: None) -> tuple[str, Choice]:
+    def find_source(self, *, has_rig: bool = False, check: SourceCheck = lambda *_: None) -> tuple[str, Choice]:
         """Return what spheres are made of, a kind of TOPICS with its topics, or CAMERAS; BagError: nothing.
 
         What the user named decides, else our own names, else what is found, and belongs together by `check`.
@@ -211,14 +210,9 @@ class TopicFinder:
         offered = [kind for kind in TOPICS if (kind == "sphere") == has_spheres]
         reasons = []
         for kind in named or (not self.chosen and own) or offered:
-            choice = self.find(TOPICS[kind])
+            choice = self.find(TOPICS[kind], partial(check, kind))
             if choice.topics:
-                try:
-                    check(kind, choice.topics)
-                except ValueError as error:
-                    choice = Choice({}, str(error))
-                else:
-                    return kind, choice
+                return kind, choice
             reasons.append(choice.reason)
         raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys([*reasons, *self.alone]))}")
 
@@ -262,25 +256,24 @@ class TopicFinder:
                 break
         return float(nearest_ns * 1e-9)
 
-    def note_mounting(self, image: str, settings: Mapping[str, Any]) -> str:
-        """Return no mounting where the bag tells it, else that the camera is the vehicle, and say so."""
-        frame = self.by_name[absolute(image)].frame_id if absolute(image) in self.by_name else ""
-        base, frame = str(settings.get("base_frame", BASE_FRAME)), str(settings.get("camera_frame") or frame)
-        if not base or self.frames.is_connected(base, frame):
-            return ""
-        text = "%s: not above the camera on /tf_static: the camera is taken as the vehicle; --mounting tells otherwise"
-        logging.getLogger("sphere_nav.mounting").warning(text, BASE_FRAME)
-        return CAMERA_IS_VEHICLE
+    def place_camera(self, found: Mapping[str, str], settings: Mapping[str, Any]) -> dict[str, str]:
+        """Return the parameters `camera_frame` and `mounting` of a localiser; what is assumed is said.
 
-    def odd_frame(self, found: Mapping[str, str]) -> str:
-        """Return the frame of the images where their camera_info, found beside them, is of another; else nothing."""
-        frames = {stream.topic: stream.frame_id for stream in self.streams}
-        image, info = (frames.get(absolute(found.get(name, name)), "") for name in ("image_raw", "camera_info"))
-        if not (image and info) or image == info:
-            return ""
-        text = "camera_info is of frame %s, images are of frame %s: one camera by the names of the topics"
-        logging.getLogger("sphere_nav.frames").warning(text, info, image)
-        return image
+        The frame is that of the images where their camera_info is of another, the mounting that of the user. Where
+        nobody tells it, the camera is the vehicle.
+        """
+        odd, mounting = "", self.mounting
+        image, info = (self.by_name[found[o]].frame_id if o in found else "" for o in ("image_raw", "camera_info"))
+        if image and info and image != info:
+            odd = image
+            text = "camera_info is of frame %s, images are of frame %s: one camera by the names of the topics"
+            logging.getLogger("sphere_nav.frames").warning(text, info, image)
+        base, frame = str(settings.get("base_frame", BASE_FRAME)), str(settings.get("camera_frame") or image)
+        if "image_raw" in found and base and not (mounting or self.frames.is_connected(base, frame)):
+            mounting = CAMERA_IS_VEHICLE
+            text = f"{BASE_FRAME}: not above the camera on /tf_static: the camera is taken as the vehicle"
+            logging.getLogger("sphere_nav.mounting").warning("%s; --mounting tells otherwise", text)
+        return {"camera_frame": odd, "mounting": mounting}
 
     def of_driver(self, name: str) -> dict[str, str]:
         """Return the topics of a driver, below the one namespace where the bag has them; BagError: none, or several."""
@@ -310,7 +303,8 @@ class TopicFinder:
         firsts, kinds = {ours.split("/")[0] for ours in wanted}, {*KINDS, "image_raw"}
         checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
         named = {o: topic for o, topic in checked.items() if o.split("/")[0] in firsts or o.split("/")[0] not in kinds}
-        own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}
+        there = {ours: self.by_name.get(absolute(ours)) for ours in wanted}
+        own = {ours: stream.topic for ours, stream in there.items() if stream is not None and not _fault(stream)}
         return own | named, ["as named"] * bool(named) + ["by their names"] * (not own.keys() <= named.keys())
 
     def _checked(self, ours: str, topic: str) -> str:
@@ -319,7 +313,7 @@ class TopicFinder:
             found = f"no such one (is {near[0]} meant?)" if near else ", ".join(self.by_name) or "none"
             raise BagError(f"{ours}: expected topic {topic}, found {found}")
         stream, role = self.by_name[topic], role_of(ours)
-        if not _is_usable(stream):
+        if _fault(stream):
             raise BagError(f"{ours}: {_names([stream])}")
         if role.types and stream.type not in role.types:
             raise BagError(f"{ours}: {topic}: expected {role.meaning}, found {stream.type}")
@@ -351,11 +345,8 @@ class TopicFinder:
             candidates = kept
         if len(candidates) != 1:
             lacking = [ours for ours, pool in zip(group, pools, strict=True) if not pool][:1] or group
-            wanted = group if candidates else lacking
-            what, options = (
-                " with ".join(role_of(o).meaning for o in wanted),
-                ", ".join(role_of(o).option for o in wanted),
-            )
+            roles = [role_of(ours) for ours in (group if candidates else lacking)]
+            what, options = " with ".join(role.meaning for role in roles), ", ".join(role.option for role in roles)
             if not candidates:
                 raise BagError(f"expected {what} ({options}), found {_names(self.streams)}")
             offered = "; ".join(" with ".join(stream.topic for stream in candidate) for candidate in candidates)
@@ -365,7 +356,7 @@ class TopicFinder:
     def calibration_of(self, image: Stream, ours: str = "camera_info", known: str = "") -> Stream:
         """Return the CameraInfo of an image: the known one, else of its namespace, else of its frame and size.
 
-        BagError where that is not one, or none of the image.
+        BagError where that is not one, is none, or is of another size; of a pair P may do for K.
         """
         infos = [stream for stream in self.streams if stream.type == CAMERA_INFO]
         beside = [info for info in infos if info.topic == image.base.rsplit("/", 1)[0] + "/camera_info"]
@@ -378,9 +369,13 @@ class TopicFinder:
             sizes = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in fitting or infos) or "none"
             expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
             raise BagError(f"expected one topic with {expected}, found {sizes}; choose it by {role_of(ours).option}")
-        is_projected = ours.startswith(("left", "right")) or is_rectified_topic(image.topic)
-        check_calibration(fitting[0], image, is_pair=is_projected)
-        return fitting[0]
+        (info,), is_pair = fitting, ours.startswith(("left", "right")) or is_rectified_topic(image.topic)
+        if info.problem and not (is_pair and info.is_projected):
+            raise BagError(f"{info.topic}: {info.problem}")
+        if image.width and info.width and info.size != image.size:
+            sizes = f"expected {info.width} x {info.height} ({info.topic}), found {image.width} x {image.height}"
+            raise BagError(f"{image.topic}: image size: {sizes}")
+        return info
 
     def _panorama(self, image: Stream) -> Stream:
         """Return the SphereInfo of an image: of its frame, and of its namespace."""
@@ -389,15 +384,6 @@ class TopicFinder:
             (stream for stream in self.streams if stream.type == SPHERE_INFO),
             key=lambda info: (info.frame_id == image.frame_id, info.topic.rpartition("/")[0] == folder),
         )
-
-
-def check_calibration(info: Stream, image: Stream, *, is_pair: bool = False) -> None:
-    """Raise BagError where a calibration is none, or is that of images of another size; `is_pair`: P may do for K."""
-    if info.problem and not (is_pair and info.is_projected):
-        raise BagError(f"{info.topic}: {info.problem}")
-    if image.width and info.width and info.size != image.size:
-        sizes = f"expected {info.width} x {info.height} ({info.topic}), found {image.width} x {image.height}"
-        raise BagError(f"{image.topic}: image size: {sizes}")
 
 
 def names_of_cameras(views: Sequence[Stream]) -> list[str]:
@@ -479,11 +465,10 @@ def _without_twins(streams: Iterable[Stream]) -> list[Stream]:
 def _names(streams: Iterable[Stream]) -> str:
     """Return the topics; what is wrong with those that cannot be used goes before all that are something else."""
     streams = list(streams)
-    broken = [f"{stream.topic} ({stream.problem})" for stream in streams if stream.problem and stream.is_image]
-    broken += [f"{stream.topic} (video: {stream.type})" for stream in streams if stream.type in VIDEO]
+    broken = [f"{stream.topic} ({fault})" for stream in streams if (fault := _fault(stream))]
     return ", ".join(broken or [stream.topic for stream in streams]) or "none"
 
 
-def _is_usable(stream: Stream | None) -> bool:
-    """Whether there is a topic that is neither a video nor images of no use."""
-    return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)
+def _fault(stream: Stream) -> str:
+    """Return why a topic can be nobody's images: it is a video, or none of them can be used."""
+    return f"video: {stream.type}" if stream.type in VIDEO else stream.problem * stream.is_image

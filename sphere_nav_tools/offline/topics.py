@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.bags.writer import absolute
@@ -64,18 +65,37 @@ def words(stream: Stream) -> set[str]:
     return {*stream.base.split("/"), *stream.base.replace("_", "/").split("/")}
 
 
+SEPARATORS = {"--camera": "=", "--remap": ":="}  # of what two words in one name
+
+
+class TopicAction(argparse.Action):
+    """Adds what the user names to a dictionary, our topic -> the bag's; ValueError for words that are no pair."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, word: Any, option_string: str | None = None) -> None:
+        """Add one topic; an empty one is none."""
+        option, ours, theirs = self.option_strings[0], self.const, word
+        if option in SEPARATORS:
+            ours, _, theirs = word.partition(SEPARATORS[option])
+            if not (ours and theirs):
+                raise ValueError(f"{option}: expected A{SEPARATORS[option]}B, found {word!r}")
+            ours = f"cameras/{ours}/image_raw" if option == "--camera" else ours.lstrip("/")
+            if not (role_of(ours).types or ours in OTHERS):
+                known = ", ".join((*ROLES, "cameras/NAME/image_raw", *OTHERS))
+                raise ValueError(f"{option}: expected one of our topics ({known}), found {ours!r}: nobody reads it")
+        if theirs:
+            setattr(namespace, self.dest, getattr(namespace, self.dest) | {ours: theirs})
+
+
 def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) -> None:
     """Declare what every command that uses the topics of a bag takes; without --camera where that means a lens."""
     group = parser.add_argument_group("topics, found by type, name, frame and size where they are not given")
-    for option, ours in _plain_options().items():
-        group.add_argument(option, metavar="TOPIC", help=ROLES[ours].meaning)
-    if has_cameras:
+    options = [(role.option, ours, "TOPIC", role.meaning) for ours, role in ROLES.items() if " " not in role.option]
+    options += [("--camera", "", "NAME=TOPIC", "images of a camera of a rig")] * has_cameras
+    options += [("--remap", "", "OURS:=THEIRS", "any other topic, as in ROS")]
+    for option, ours, metavar, meaning in options:
         group.add_argument(
-            "--camera", action="append", default=[], metavar="NAME=TOPIC", help="images of a camera of a rig"
+            option, action=TopicAction, const=ours, dest="topics", default={}, metavar=metavar, help=meaning
         )
-    group.add_argument(
-        "--remap", action="append", default=[], metavar="OURS:=THEIRS", help="any other topic, as in ROS"
-    )
     group.add_argument("--driver", metavar="NAME", help=f"preset of names: {', '.join(driver_names())}; or a file")
     group.add_argument(
         "--mounting",
@@ -85,38 +105,16 @@ def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) ->
     )
 
 
-def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return what the user named: our topic -> the bag's. ValueError for words that are no pair."""
-    given = vars(arguments)
-    named = {ours: given.get(option.removeprefix("--").replace("-", "_")) for option, ours in _plain_options().items()}
-    chosen = {ours: topic for ours, topic in named.items() if topic}
-    for option, separator in (("camera", "="), ("remap", ":=")):
-        words = given.get(option)
-        for word in words if isinstance(words, list) else ():
-            ours, found, theirs = word.partition(separator)
-            if not (found and ours and theirs):
-                raise ValueError(f"--{option}: expected A{separator}B, found {word!r}")
-            ours = f"cameras/{ours}/image_raw" if option == "camera" else ours.lstrip("/")
-            if not (role_of(ours).types or ours in OTHERS):
-                known = ", ".join((*ROLES, "cameras/NAME/image_raw", *OTHERS))
-                raise ValueError(f"--{option}: expected one of our topics ({known}), found {ours!r}: nobody reads it")
-            chosen[ours] = theirs
-    return chosen
-
-
 def options_of(topics: Mapping[str, str]) -> list[str]:
     """Return the options that name these topics, none for those with our own names."""
-    words, by_topic = [], {ours: option for option, ours in _plain_options().items()}
+    words = []
     for ours, theirs in topics.items():
         if theirs != absolute(ours):
-            words += [by_topic[ours], theirs] if ours in by_topic else ["--remap", f"{ours}:={theirs}"]
+            option = role_of(ours).option
+            words += ["--remap", f"{ours}:={theirs}"] if " " in option else [option, theirs]
     return words
 
 
 def camera_names(topics: Iterable[str]) -> list[str]:
     """Return the cameras of a rig whose images are among our topics, in their order."""
     return [ours.split("/")[1] for ours in topics if ours.startswith("cameras/") and ours.endswith("/image_raw")]
-
-
-def _plain_options() -> dict[str, str]:
-    return {role.option: ours for ours, role in ROLES.items() if " " not in role.option}

@@ -27,7 +27,7 @@ ALLOWED = {
     ("sphere_nav/geometry/files/isolated.py", "np.load"): "what its own process has written",
     ("sphere_nav/kernel_cache/folder.py", "(ROOT / path).read_bytes"): "our own source",
     (
-        "sphere_nav_tools/offline/importing/recording.py",
+        "sphere_nav_tools/offline/importing/files.py",
         "np.loadtxt",
     ): "millions of numbers in a text that `read_text` has bounded",
     ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",

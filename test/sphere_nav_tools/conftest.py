@@ -2,12 +2,17 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import stamp_ns
+from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.cli.main import main
 from worlds.box_and_wall import depth_of_box_and_wall
 
 
@@ -71,3 +76,22 @@ def kitti(tmp_path: Path, rng: np.random.Generator) -> Path:
     poses = [np.hstack([np.eye(3), [[0.1 * number], [0.0], [1.2 * number]]]) for number in range(3)]
     (folder / "poses.txt").write_text("".join(" ".join(map(str, pose.ravel())) + "\n" for pose in poses))
     return folder
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Callable[..., tuple[dict[str, list[Any]], TransformTree]]:
+    """Import a data set; return its messages by topic, and its frames."""
+    bags = list[Path]()
+
+    def run(*words: object) -> tuple[dict[str, list[Any]], TransformTree]:
+        bags.append(tmp_path / f"bag{len(bags)}")
+        assert main(["import", *map(str, words), "-o", str(bags[-1])]) == 0
+        with BagReader(bags[-1]) as bag:
+            topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
+            assert all(item.stamp_ns == stamp_ns(item.message) for item in bag.messages() if item.topic != "/tf_static")
+        frames = TransformTree()
+        for transform in topics["/tf_static"][0].transforms:
+            frames.add(transform, is_static=True)
+        return topics, frames
+
+    return run

@@ -14,7 +14,7 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
-from sphere_nav_tools.offline.offers import offer_localize, offer_map, offer_mcl
+from sphere_nav_tools.offline.offers import find_offer
 from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         finder = TopicFinder.of(bag, arguments)
         streams, (first, last) = finder.streams, bag.time_range
         mounting = describe_mountings(finder.frames, streams, arguments.mounting) + finder.frames_told[1]
-        offers = [offer_map(finder, arguments.rig), offer_localize(finder), offer_mcl(finder)]
+        offers = [find_offer(job, finder, arguments.rig) for job in ("map", "localize", "mcl")]
     if arguments.mounting:
         for offer in offers:
             offer.command += ["--mounting", arguments.mounting] if offer.command else []

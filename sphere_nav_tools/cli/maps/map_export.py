@@ -12,8 +12,7 @@ from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
-from sphere_nav_tools.offline.geojson import Datum, geojson
-from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
+from sphere_nav_tools.offline.map_points import Cloud, Datum, cloud_of, geojson, write_laz, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
 from sphere_nav_tools.offline.tables import progress
 
@@ -63,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
+def write_cloud(write: Callable[[Path, list[Cloud]], int]) -> Writer:
     """Return what writes the points of all key spheres in one format."""
 
     def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:

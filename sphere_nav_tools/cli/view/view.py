@@ -27,7 +27,7 @@ from sphere_nav_tools.offline.settings import (
     add_settings,
     check_ending,
     check_free,
-    numbers,
+    floats,
     read_positive,
     read_size,
 )
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--memory", type=read_positive, default=500.0, metavar="MB", help="of kept spheres (%(default)g)"
     )
     expected = "x,y,z,yaw[,pitch,roll]"
-    parser.add_argument("--pose", type=numbers(expected, 4, 6), metavar=expected, help="where to begin, m and degrees")
+    parser.add_argument("--pose", type=floats(expected, 4, 6), metavar=expected, help="where to begin, m and degrees")
     parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
     parser.add_argument("--experience", metavar="NAME", help="begin with this look of the map, as map-info names it")
     parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.trajectory import associate
+from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, EPOCHS_S
-from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_image
+from sphere_nav_tools.offline.importing.files import read_image
 
+FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
 VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v"}
 
@@ -58,20 +60,19 @@ class Folder:
     def __init__(
         self,
         path: Path,
-        listed: Sequence[tuple[int, Path]] = (),
+        listed: Sequence[tuple[int | None, Path]] = (),
         read: Callable[[Path], NDArray[Any]] = read_image,
         *,
         is_stamped: bool = False,
     ) -> None:
         """`read`: of a file; `is_stamped`: whether names must be stamps."""
         self.path, self.hz, self._read = path, float("nan"), read
-        self.files = [file for _, file in listed] or sorted(filter(is_image, path.iterdir()), key=_order)
-        if not self.files:
+        listed = listed or [(stamp_of(f.stem), f) for f in sorted(filter(is_image, path.iterdir()), key=order_of)]
+        if not listed:
             raise ValueError(f"{path}: expected images or videos, found none")
-        self.number = len(self.files)
-        stamps: list[int | None] = [stamp for stamp, _ in listed]
-        stamps = stamps or [stamp_of(file.stem) for file in self.files]
-        self.stamps = [stamp for stamp in stamps if stamp is not None] if None not in stamps else None
+        self.files, self.number = [file for _, file in listed], len(listed)
+        stamps = [stamp for stamp, _ in listed if stamp is not None]
+        self.stamps = stamps if len(stamps) == self.number else None
         if self.stamps is None and is_stamped:
             raise ValueError(f"{path}: expected images named by their stamps, found others")
         if self.stamps is not None and any(np.diff(self.stamps) <= 0):
@@ -90,7 +91,8 @@ class Video:
     """A video file, read from its beginning to its end."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.stamps = path, cast("list[int] | None", None)
+        self.path = path
+        self.stamps: list[int] | None = None
         self._capture = cv2.VideoCapture(str(path))
         self.number = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) if self._capture.isOpened() else 0
         if self.number <= 0:
@@ -140,20 +142,28 @@ def instants_of(
     With `max_gap_ns` each must have one within it, and all have the stamp of the first. Without stamps, images of one
     number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
     """
-    first = next(iter(cameras))
+    first, period_ns = next(iter(cameras)), 1e9 / DEFAULT_HZ
     stamped = {name: frames.stamps for name, frames in cameras.items() if frames.stamps is not None}
-    if len(stamped) == len(cameras):
-        return _by_stamp(stamped, first, max_gap_ns)
-    for name, frames in cameras.items():
-        if frames.number != cameras[first].number:
-            number = cameras[first].number
-            raise ValueError(f"{frames.path}: expected {number} images as of {first}, found {frames.number} of {name}")
-    own = cameras[first].hz
-    period_ns = 1e9 / (hz or (own if np.isfinite(own) else DEFAULT_HZ))
-    return [
-        dict.fromkeys(cameras, (index, FIRST_STAMP_NS + round(index * period_ns)))
-        for index in range(cameras[first].number)
-    ]
+    if len(stamped) < len(cameras):
+        number, own_hz = cameras[first].number, cameras[first].hz
+        for name, frames in cameras.items():
+            if frames.number != number:
+                found = f"found {frames.number} of {name}"
+                raise ValueError(f"{frames.path}: expected {number} images as of {first}, {found}")
+        period_ns = 1e9 / (hz or (own_hz if np.isfinite(own_hz) else DEFAULT_HZ))
+        stamps = [FIRST_STAMP_NS + round(index * period_ns) for index in range(number)]
+        stamped = dict.fromkeys(cameras, stamps)
+    reference = np.array(stamped[first], dtype=np.int64)
+    near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else period_ns
+    gap_ns = max_gap_ns or math.ceil(near_ns) - 1
+    instants: list[dict[str, tuple[int, int]]] = [{} for _ in reference]
+    for name, stamps in stamped.items():
+        for at, index in zip(*associate(reference, np.array(stamps, np.int64), gap_ns), strict=True):
+            instants[at][name] = (int(index), int(reference[at]) if max_gap_ns else stamps[index])
+    whole = [instant for instant in instants if not max_gap_ns or len(instant) == len(stamped)]
+    if not whole:
+        raise ValueError(f"expected {' and '.join(stamped)} within {max_gap_ns} ns, found none")
+    return whole
 
 
 def stamp_of(stem: str) -> int | None:
@@ -168,20 +178,7 @@ def stamp_of(stem: str) -> int | None:
     return None
 
 
-def _by_stamp(stamped: dict[str, list[int]], first: str, max_gap_ns: int) -> list[dict[str, tuple[int, int]]]:
-    reference = np.array(stamped[first], dtype=np.int64)
-    near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
-    gap_ns = max_gap_ns or math.ceil(near_ns) - 1
-    instants: list[dict[str, tuple[int, int]]] = [{first: (i, int(stamp))} for i, stamp in enumerate(reference)]
-    for name, stamps in stamped.items():
-        for at, index in zip(*associate(reference, np.array(stamps, np.int64), gap_ns), strict=True):
-            instants[at][name] = (int(index), int(reference[at]) if max_gap_ns else stamps[index])
-    whole = [instant for instant in instants if not max_gap_ns or len(instant) == len(stamped)]
-    if not whole:
-        raise ValueError(f"expected {' and '.join(stamped)} within {max_gap_ns} ns, found none")
-    return whole
-
-
-def _order(file: Path) -> tuple[Any, ...]:
+def order_of(file: Path) -> tuple[Any, ...]:
+    """Return by what files are sorted: the time that their name is, or the last number in it."""
     numbers = re.findall(r"\d+", file.stem)
     return (float(file.stem) if stamp_of(file.stem) else int(numbers[-1]) if numbers else -1, file.name)

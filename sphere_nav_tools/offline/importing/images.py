@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,7 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.importing.files import require_folder, require_size
 from sphere_nav_tools.offline.importing.frames import (
     VIDEOS,
     Frames,
@@ -28,19 +29,18 @@ from sphere_nav_tools.offline.importing.frames import (
 from sphere_nav_tools.offline.importing.recording import (
     CAMERA_FRAME,
     OPTICAL_FRAME,
+    RIG_FRAME,
     SIDES,
-    Instant,
     Recording,
     View,
+    camera_recording,
     pair_views,
-    require_folder,
-    require_size,
+    rig_views,
 )
 from sphere_nav_tools.offline.importing.spherical import sphere_recording
 from sphere_nav_tools.offline.pose_bags import BAG_SUFFIXES
 from sphere_nav_tools.offline.topic_finder import ALONE
 
-RIG_FRAME = "rig_link"
 LEVELS = ("top", "bottom")
 OPTIONS = "--rig, --camera (one camera, with --baseline a rectified pair), --panorama or --baseline"
 
@@ -63,8 +63,7 @@ def open_images(
     if is_panorama and not (rig or lens or baseline_m):
         frames, height, width = _sized(folder)
         check_panorama(frames.path, width, height)
-        view = View("", CAMERA_FRAME, Spherical(width, height), is_told=False)
-        return camera_recording({"camera": frames}, {"camera": view}, hz)
+        return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
     if rig is not None:
         return _rig_recording(folder, read_rig(rig), hz)
     if baseline_m is not None and lens is None:
@@ -73,11 +72,11 @@ def open_images(
         raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
     if baseline_m is None:
         frames = open_frames(folder, "")
-        return camera_recording({"camera": frames}, {"camera": View("", OPTICAL_FRAME, _pinhole(frames, lens))}, hz)
-    cameras = {side: open_frames(folder, side) for side in SIDES}
-    model = _pinhole(cameras["left"], lens)
-    views = pair_views(model, model, SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0]), baseline_m)
-    return camera_recording(cameras, views, hz)
+        return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)}, hz)
+    pair = [open_frames(folder, side) for side in SIDES]
+    lenses = [_pinhole(pair[0], lens)] * 2
+    T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
+    return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m), hz)
 
 
 def how_to_import(path: Path) -> list[str]:
@@ -101,40 +100,14 @@ def how_to_import(path: Path) -> list[str]:
     return [what, lens, guess, ALONE]
 
 
-def camera_recording(
-    cameras: Mapping[str, Frames],
-    views: Mapping[str, View],
-    hz: float | None = None,
-    link: str = CAMERA_FRAME,
-    max_gap_ns: int = 0,
-) -> Recording:
-    """Return the images of cameras, as of `instants_of`; the first of an instant is that of the instant."""
-    found = instants_of(cameras, hz, max_gap_ns)
-    instants = [Instant(min(stamp for _, stamp in images.values()), images) for images in found]
-    return Recording(cameras, views, instants, link=link)
-
-
-def rig_views(rig: Rig, *, is_told: bool) -> dict[str, View]:
-    """Return the cameras of a rig as `cameras/<name>/`."""
-    return {
-        part.name: View(
-            f"cameras/{part.name}/", f"{part.name}_optical", part.camera, part.T_rig_camera, is_told=is_told
-        )
-        for part in rig.cameras
-    }
-
-
 def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
     """Return images of a rig, whose file tells the cameras; of one camera or of left and right the bag tells them."""
     is_lone = len(rig.cameras) == 1
+    rig = Rig((replace(rig.cameras[0], name="camera"),)) if is_lone else rig
     cameras = {name: open_frames(folder, "" if is_lone else name) for name in rig.names}
     if not is_lone and rig.names != SIDES:
-        return camera_recording(cameras, rig_views(rig, is_told=False), hz, RIG_FRAME)
-    views = {}
-    for part in rig.cameras:
-        prefix, frame = ("", OPTICAL_FRAME) if is_lone else (f"{part.name}/", f"{part.name}_optical")
-        views[part.name] = View(prefix, frame, part.camera, part.T_rig_camera)
-    return camera_recording(cameras, views, hz)
+        return camera_recording(rig_views(rig, cameras, is_told=False), hz, RIG_FRAME)
+    return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"), hz)
 
 
 def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:

@@ -19,19 +19,17 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import read_bytes
+from sphere_nav.geometry.files.untrusted import MAX_TABLE_BYTES, read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
+from sphere_nav_tools.offline.importing.files import read_image, read_numbers, require_folder, trajectory
 from sphere_nav_tools.offline.importing.frames import Folder
-from sphere_nav_tools.offline.importing.images import RIG_FRAME, camera_recording, rig_views
 from sphere_nav_tools.offline.importing.recording import (
+    RIG_FRAME,
     Recording,
-    poses_at,
-    read_image,
-    read_numbers,
-    require_folder,
-    trajectory,
-    with_truth,
+    camera_recording,
+    rig_views,
+    with_truth_at,
 )
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
@@ -41,49 +39,44 @@ DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose a
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
-MAX_BYTES = 1 << 30  # 2 million lines of a table of undistortion
+MAX_BYTES = 16 * MAX_TABLE_BYTES  # 2 million lines of a table of undistortion
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 
 
-class Undistortion:
-    """What takes the images of a camera to what a pinhole sees; maps (H, W): where column and row are in the image."""
+Lens = tuple[Floats, Floats]  # (H, W), (H, W): column and row in the image of each pixel that a pinhole sees
 
-    def __init__(self, columns: Floats, rows: Floats) -> None:
-        self.columns, self.rows = columns, rows
 
-    def read(self, path: Path) -> Bytes:
-        """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
-        return np.asarray(cv2.remap(read_image(path), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
+def read_undistorted(lens: Lens, path: Path) -> Bytes:
+    """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
+    return np.asarray(cv2.remap(read_image(path), *lens, cv2.INTER_LINEAR), np.uint8)
 
-    def mask(self) -> Bytes:
-        """Return 255 (H, W) where the lens sees, 0 elsewhere."""
-        seen = cv2.remap(np.full(self.rows.shape, 255, np.uint8), self.columns, self.rows, cv2.INTER_NEAREST)
-        kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
-        return np.asarray(cv2.erode(seen, kernel), np.uint8)
+
+def mask_of(lens: Lens) -> Bytes:
+    """Return 255 (H, W) where the lens sees, 0 elsewhere."""
+    seen = cv2.remap(np.full(lens[0].shape, 255, np.uint8), *lens, cv2.INTER_NEAREST)
+    return np.asarray(cv2.erode(seen, np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)), np.uint8)
 
 
 def open_nclt(folder: Path) -> Recording:
     """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
     images, parts = require_folder(require_folder(folder) / "lb3"), []
-    cameras, lenses = dict[str, Folder](), dict[str, Undistortion]()
-    for name in CAMERAS:
-        if not (images / name).is_dir():
-            continue
+    cameras, lenses = dict[str, Folder](), dict[str, Lens]()
+    for name in (name for name in CAMERAS if (images / name).is_dir()):
         number = name.removeprefix("Cam")
         K = read_numbers(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
         pose = read_numbers(_calibration(folder, f"x_lb3_c{number}.csv"), 6, 1)[0]
-        columns, rows = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
-        lenses[name.lower()] = Undistortion(columns, rows)
-        cameras[name.lower()] = Folder(images / name, read=lenses[name.lower()].read, is_stamped=True)
-        lens = Pinhole(rows.shape[1], rows.shape[0], K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        lenses[name.lower()] = maps = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
+        cameras[name.lower()] = Folder(images / name, read=partial(read_undistorted, maps), is_stamped=True)
+        height, width = maps[0].shape
+        lens = Pinhole(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)
         parts.append(RigCamera(name.lower(), lens, T_base_camera))
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
-    seen = camera_recording(cameras, rig_views(rig, is_told=True), link=RIG_FRAME)
+    seen = camera_recording(rig_views(rig, cameras), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
-    seen = with_truth(seen, "groundtruth_*.csv", poses_at(truth, seen, MAX_TRUTH_GAP_NS))
+    seen = with_truth_at(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
     instants = []
     for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
@@ -96,12 +89,12 @@ def _read_points(path: Path, stamp: int) -> PointCloud2:
     return cloud_to_message(T_BASE_BODY.apply(read_velodyne(path)), stamp, RIG_FRAME)
 
 
-def _write_rig(rig: Rig, lenses: dict[str, Undistortion], folder: Path) -> None:
+def _write_rig(rig: Rig, lenses: dict[str, Lens], folder: Path) -> None:
     """Write rig.yaml, and beside it masks of what the undistorted images show."""
     parts = []
     for part in rig.cameras:
         mask = folder / f"mask_{part.name}.png"
-        cv2.imwrite(str(mask), lenses[part.name].mask())
+        cv2.imwrite(str(mask), mask_of(lenses[part.name]))
         parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
     write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
 
@@ -111,7 +104,7 @@ def pose_of(rows: Array) -> SE3:
     return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:]).as_matrix(), rows[..., :3])
 
 
-def read_undistortion(path: Path) -> tuple[Floats, Floats]:
+def read_undistortion(path: Path) -> Lens:
     """Return the column and row (H, W) in the image of each pixel of the undistorted one.
 
     A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.

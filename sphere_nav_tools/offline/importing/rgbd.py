@@ -15,15 +15,7 @@ from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
-from sphere_nav_tools.offline.importing.frames import Folder
-from sphere_nav_tools.offline.importing.images import camera_recording
-from sphere_nav_tools.offline.importing.recording import (
-    FIRST_STAMP_NS,
-    OPTICAL_FRAME,
-    Recording,
-    View,
-    ahead_up,
-    bodies_at,
+from sphere_nav_tools.offline.importing.files import (
     matrix_data,
     pose_of_matrix,
     pose_of_row,
@@ -34,7 +26,16 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
     require_size,
     whole,
+)
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder
+from sphere_nav_tools.offline.importing.recording import (
+    OPTICAL_FRAME,
+    Recording,
+    View,
+    ahead_up,
+    camera_recording,
     with_truth,
+    with_truth_at,
 )
 
 KINECT_HZ = 30.0
@@ -81,7 +82,7 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
         return _tum_pair(folder, camera, depth_units)
     recording = _rgbd(folder, _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt"), camera, depth_units)
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
-    return with_truth(recording, "groundtruth.txt", bodies_at(truth, recording, 2 * MAX_PAIR_GAP_NS))
+    return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
@@ -108,7 +109,7 @@ def open_openloris(folder: Path) -> Recording:
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
     recording = _rgbd(folder, colors, depths, Pinhole(width, height, fx, fy, cx, cy, distortion), 1000.0)
     recording = replace(recording, T_base_link=T_base_optical @ T_BODY_OPTICAL.inverse())
-    return with_truth(recording, "groundtruth.txt", bodies_at(truth, recording, 2 * MAX_PAIR_GAP_NS))
+    return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
 
 def open_rover(folder: Path, camera: Pinhole) -> Recording:
@@ -138,9 +139,9 @@ def _rgbd(
         require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)
 
-    cameras = {"color": Folder(folder, colors), "depth": Folder(folder, depths, read_depth)}
-    views = {"color": View("", OPTICAL_FRAME, camera), "depth": View("depth/", OPTICAL_FRAME, camera)}
-    return camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
+    color = View("", OPTICAL_FRAME, camera, Folder(folder, colors))
+    depth = View("depth/", OPTICAL_FRAME, camera, Folder(folder, depths, read_depth))
+    return camera_recording({"color": color, "depth": depth}, max_gap_ns=MAX_PAIR_GAP_NS)
 
 
 def _mounting(path: Path) -> SE3:

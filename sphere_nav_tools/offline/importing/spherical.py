@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,7 @@ from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.importing.recording import (
-    FIRST_STAMP_NS,
-    Instant,
-    Recording,
+from sphere_nav_tools.offline.importing.files import (
     pose_of_row,
     read_meters,
     read_numbers,
@@ -29,6 +26,8 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
     require_size,
 )
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, order_of
+from sphere_nav_tools.offline.importing.recording import Instant, Recording, with_truth
 
 SPHERE_FRAME = "sphere_link"
 NUM_SENSORS = 8
@@ -37,21 +36,14 @@ SENSOR = Pinhole(320, 240, 262.5, 262.5, 159.5, 119.5)  # every Xtion of the rin
 T_BODY_RIG = SE3(np.array([[0.0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]))
 
 
-def sphere_recording(
-    stamps: Sequence[int],
-    sphere: Callable[[int, int], Sphere],
-    poses: Sequence[SE3 | None] | None = None,
-    truth: str = "",
-) -> Recording:
+def sphere_recording(stamps: Sequence[int], sphere: Callable[[int, int], Sphere]) -> Recording:
     """Return spheres on the topic `sphere`; `sphere(index, stamp)` makes one when it is needed."""
 
-    def instant(index: int, stamp: int) -> Instant:
-        def make() -> AugmentedSphere:
-            return sphere_to_message(sphere(index, stamp), SPHERE_FRAME)
+    def make(index: int, stamp: int) -> AugmentedSphere:
+        return sphere_to_message(sphere(index, stamp), SPHERE_FRAME)
 
-        return Instant(stamp, {}, None if poses is None else poses[index], {"sphere": make})
-
-    return Recording({}, {}, [instant(*one) for one in enumerate(stamps)], truth, SPHERE_FRAME)
+    instants = [Instant(stamp, others={"sphere": partial(make, index, stamp)}) for index, stamp in enumerate(stamps)]
+    return Recording({}, instants, link=SPHERE_FRAME)
 
 
 def open_spherical(folder: Path) -> Recording:
@@ -65,7 +57,7 @@ def open_spherical(folder: Path) -> Recording:
 
 def _open_ring(folder: Path) -> Recording:
     """Open sphere_*/rgb_k.png, depth_k.png (mm, registered) of eight sensors, Extrinsics/Rt_0k.txt, gicp_T_*_*.txt."""
-    names = sorted(folder.glob("sphere_*"), key=_number)
+    names = sorted(folder.glob("sphere_*"), key=order_of)
     poses = {
         f"rgb_{k}": T_BODY_RIG @ read_pose(folder / "Extrinsics" / f"Rt_0{k}.txt") for k in range(1, NUM_SENSORS + 1)
     }
@@ -74,14 +66,14 @@ def _open_ring(folder: Path) -> Recording:
     stitcher = Stitcher(rig, build(StitchParams, settings))
 
     def sphere(index: int, stamp: int) -> Sphere:
-        depths = {name: read_meters(names[index] / f"{name.replace('rgb', 'depth')}.png", 1000.0) for name in poses}
+        depths = {name: read_meters(names[index] / f"{name.replace('rgb', 'depth')}.png") for name in poses}
         images = {name: read_rgb(names[index] / f"{name}.png") for name in poses}
         return stitcher.stitch(images, stamp, depths=depths)
 
     known, file = _gicp_poses(folder, names)
     T_rig_sphere = stitcher.T_rig_sphere
     moved = [T and T_rig_sphere.inverse() @ T @ T_rig_sphere for T in known]
-    return sphere_recording(_seconds(names), sphere, moved, file)
+    return with_truth(sphere_recording(_seconds(names), sphere), file, moved)
 
 
 def _gicp_poses(folder: Path, names: list[Path]) -> tuple[list[SE3 | None], str]:
@@ -97,29 +89,24 @@ def _gicp_poses(folder: Path, names: list[Path]) -> tuple[list[SE3 | None], str]
 
 def _open_equirectangular(folder: Path) -> Recording:
     """Open image_*.png|jpg (2 H x H) with range_*.png: range along the ray in mm, 0 unknown, 65535 far; poses.tum."""
-    names = sorted((*folder.glob("image_*.png"), *folder.glob("image_*.jpg")), key=_number)
-    file, poses = folder / "poses.tum", None
-    if file.is_file():
-        rows = read_numbers(file, 8)
-        if len(rows) != len(names):
-            raise ValueError(f"{file}: expected {len(names)} rows, one an image, found {len(rows)}")
-        poses = [pose_of_row(row[1:], file) for row in rows]
+    names = sorted((*folder.glob("image_*.png"), *folder.glob("image_*.jpg")), key=order_of)
 
     def sphere(index: int, stamp: int) -> Sphere:
         image = read_rgb(names[index])
         file = names[index].with_name(names[index].stem.replace("image_", "range_", 1) + ".png")
-        range_m = read_meters(file, 1000.0, np.inf)
+        range_m = read_meters(file, far=np.inf)
         camera = Spherical(image.shape[1], image.shape[0])
         require_size(file, range_m, camera)
         return Sphere(image, range_m, camera, stamp)
 
-    return sphere_recording(_seconds(names), sphere, poses, file.name)
+    recording, truth = sphere_recording(_seconds(names), sphere), folder / "poses.tum"
+    if not truth.is_file():
+        return recording
+    rows = read_numbers(truth, 8)
+    if len(rows) != len(names):
+        raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(rows)}")
+    return with_truth(recording, truth.name, [pose_of_row(row[1:], truth) for row in rows])
 
 
 def _seconds(names: list[Path]) -> list[int]:
     return [FIRST_STAMP_NS + index * SECOND for index in range(len(names))]
-
-
-def _number(path: Path) -> int:
-    digits = re.search(r"\d+", path.name)
-    return int(digits.group()) if digits else 0

@@ -5,6 +5,7 @@ Cameras that are not rectified have lenses and poses of their own, told by `came
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +17,8 @@ from sphere_nav.geometry.files.opencv_file import load_opencv
 from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, MAX_PAIR_GAP_NS
-from sphere_nav_tools.offline.importing.frames import Folder
-from sphere_nav_tools.offline.importing.images import camera_recording
-from sphere_nav_tools.offline.importing.recording import (
-    FIRST_STAMP_NS,
-    SIDES,
-    Recording,
-    View,
-    ahead_up,
-    bodies_at,
+from sphere_nav_tools.offline.importing.files import (
     matrix_data,
-    pair_views,
     pose_of_matrix,
     pose_of_row,
     read_image,
@@ -37,7 +29,15 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
     trajectory,
     whole,
+)
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder
+from sphere_nav_tools.offline.importing.recording import (
+    Recording,
+    ahead_up,
+    camera_recording,
+    pair_views,
     with_truth,
+    with_truth_at,
 )
 
 FOLDERS = {
@@ -57,24 +57,28 @@ def open_kitti(folder: Path) -> Recording:
     """Open a sequence: calib.txt, two folders of images, and times.txt and poses.txt where they are there."""
     require_folder(folder)
     names = next((names for names in FOLDERS if (folder / names[0]).is_dir()), next(iter(FOLDERS)))
-    left, right = (require_folder(folder / name) for name in names)
-    images = {whole(path.stem, str(path)): path for path in sorted(left.glob("*.png"))}
+    folders = [require_folder(folder / name) for name in names]
+    images = sorted(folders[0].glob("*.png"))
     if not images:
-        raise ValueError(f"{left}: expected images 000000.png and on, found none")
+        raise ValueError(f"{folders[0]}: expected images 000000.png and on, found none")
     P_left, P_right = (_projection(folder / "calib.txt", index) for index in FOLDERS[names])
-    height, width = read_image(images[min(images)]).shape[:2]
+    height, width = read_image(images[0]).shape[:2]
     camera = Pinhole(width, height, P_left[0, 0], P_left[1, 1], P_left[0, 2], P_left[1, 2])
     baseline = (P_left[0, 3] - P_right[0, 3]) / P_left[0, 0]
     if not baseline > 0:
         raise ValueError(f"{folder / 'calib.txt'}: expected the second camera to the right, found {baseline} m")
-    times, poses = (_optional(folder / name, n, max(images)) for name, n in (("times.txt", 1), ("poses.txt", 12)))
-    seconds = {index: index / DEFAULT_HZ if times is None else float(times[index, 0]) for index in images}
-    stamps = {index: FIRST_STAMP_NS + round(seconds[index] * 1e9) for index in images}
-    lefts = [(stamps[index], path) for index, path in images.items()]
-    cameras = {"left": Folder(left, lefts), "right": Folder(right, [(s, right / path.name) for s, path in lefts])}
-    views = pair_views(camera, camera, SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
-    bodies = [None if poses is None else _of_three_rows(poses[index]) for index in images]
-    return with_truth(camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS), "poses.txt", bodies)
+    rows = [whole(path.stem, str(path)) for path in images]
+    times, poses = (_optional(folder / name, n, rows) for name, n in (("times.txt", 1), ("poses.txt", 12)))
+    seconds = np.array(rows) / DEFAULT_HZ if times is None else times[:, 0]
+    stamps = [FIRST_STAMP_NS + round(float(second) * 1e9) for second in seconds]
+    listed = list(zip(stamps, images, strict=True))
+    pair = [Folder(at, [(stamp, at / path.name) for stamp, path in listed]) for at in folders]
+    views = pair_views(pair, (camera, camera), SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
+    recording = camera_recording(views, max_gap_ns=MAX_PAIR_GAP_NS)
+    if poses is None:
+        return recording
+    matrices = (np.vstack([row.reshape(3, 4), (0, 0, 0, 1)]) for row in poses)  # of a world whose z points ahead
+    return with_truth(recording, "poses.txt", [ahead_up(SE3.from_matrix(matrix)) for matrix in matrices])
 
 
 def open_euroc(folder: Path) -> Recording:
@@ -86,7 +90,7 @@ def open_euroc(folder: Path) -> Recording:
     truth = None if source is None else _asl_truth(source, T_body_left)
     name = "" if source is None else source.parent.name
     folders = mav / "cam0" / "data", mav / "cam1" / "data"
-    return _stereo(folders, pair_views(left, right, T_body_left.inverse() @ T_body_right), truth, name)
+    return _stereo(folders, (left, right), T_body_left.inverse() @ T_body_right, truth, name)
 
 
 def open_four_seasons(folder: Path) -> Recording:
@@ -95,23 +99,20 @@ def open_four_seasons(folder: Path) -> Recording:
     calibration = next((p / "calibration" for p in (folder, folder.parent) if (p / "calibration").is_dir()), None)
     if calibration is None:
         raise ValueError(f"{folder.parent / 'calibration'}: expected that of 4Seasons, found none")
-    left, right = (_undistorted(calibration / f"undistorted_calib_{number}.txt") for number in (0, 1))
+    lenses = [_undistorted(calibration / f"undistorted_calib_{number}.txt") for number in (0, 1)]
     T_left_right = read_pose(calibration / "undistorted_calib_stereo.txt")
     truth = _gnss_poses(folder) if (folder / "GNSSPoses.txt").is_file() else None
     folders = folder / "undistorted_images" / "cam0", folder / "undistorted_images" / "cam1"
-    return _stereo(folders, pair_views(left, right, T_left_right), truth, "GNSSPoses.txt")
+    return _stereo(folders, lenses, T_left_right, truth, "GNSSPoses.txt")
 
 
-def _stereo(folders: tuple[Path, Path], views: dict[str, View], truth: Trajectory | None, name: str) -> Recording:
+def _stereo(
+    folders: Sequence[Path], lenses: Sequence[Camera], T_left_right: SE3, truth: Trajectory | None, name: str
+) -> Recording:
     """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
-    cameras = {side: Folder(require_folder(at), is_stamped=True) for side, at in zip(SIDES, folders, strict=True)}
-    recording = camera_recording(cameras, views, max_gap_ns=MAX_PAIR_GAP_NS)
-    return with_truth(recording, name, bodies_at(truth, recording, MAX_TRUTH_GAP_NS))
-
-
-def _of_three_rows(row: Array) -> SE3:
-    """Return where the left camera's body is by 3 x 4 numbers; z of the world points ahead, as that of the camera."""
-    return ahead_up(SE3.from_matrix(np.vstack([row.reshape(3, 4), (0, 0, 0, 1)])))
+    pair = [Folder(require_folder(at), is_stamped=True) for at in folders]
+    recording = camera_recording(pair_views(pair, lenses, T_left_right), max_gap_ns=MAX_PAIR_GAP_NS)
+    return with_truth_at(recording, name, truth, MAX_TRUTH_GAP_NS)
 
 
 def _projection(path: Path, index: int) -> Array:
@@ -124,11 +125,14 @@ def _projection(path: Path, index: int) -> Array:
     return np.array([number(word, f"{path}: P{index}") for word in words]).reshape(3, 4)
 
 
-def _optional(path: Path, columns: int, last: int) -> Array | None:
-    table = read_numbers(path, columns) if path.is_file() else None
-    if table is not None and len(table) <= last:
-        raise ValueError(f"{path}: expected at least {last + 1} rows (image {last:06d}), found {len(table)}")
-    return table
+def _optional(path: Path, columns: int, rows: list[int]) -> Array | None:
+    """Return some rows of a table, None where it is not there."""
+    if not path.is_file():
+        return None
+    table = read_numbers(path, columns)
+    if len(table) <= max(rows):
+        raise ValueError(f"{path}: expected at least {max(rows) + 1} rows (image {max(rows):06d}), found {len(table)}")
+    return table[rows]
 
 
 def _asl_camera(path: Path) -> tuple[Camera, SE3]:
@@ -146,10 +150,10 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
 
 def _asl_truth(path: Path, T_body_left: SE3) -> Trajectory:
     """Return the true poses of the left camera by those of the body: stamp in ns, x y z, qw qx qy qz, ..."""
-    rows = [(stamp, np.roll(row[3:], -1), row[:3]) for stamp, row in read_stamped(path, 7)]
-    rows = [row for row in rows if np.any(row[1])]  # not where the target was out of sight
-    poses = [pose_of_row(np.array([*place, *turn]), path) @ T_body_left for _, turn, place in rows]
-    return trajectory([stamp for stamp, _, _ in rows], poses, path)
+    stamps, rows = read_stamped(path, 7)
+    is_seen = rows[:, 3:].any(axis=1)  # not where the target was out of sight
+    rows = np.concatenate([rows[:, :3], np.roll(rows[:, 3:], -1, axis=1)], axis=1)[is_seen]
+    return trajectory(stamps[is_seen], pose_of_row(rows, path) @ T_body_left, path)
 
 
 def _undistorted(path: Path) -> Pinhole:
@@ -177,9 +181,7 @@ def _gnss_poses(folder: Path) -> Trajectory:
     T_munich_earth = SE3.from_parts(*place_on_earth(*MUNICH)).inverse()
     T_map_visual = T_munich_earth @ needed["transform_e_gpsw"] @ needed["transform_w_gpsw"].inverse()
     T_map_slam = T_map_visual @ needed["transform_S_AS"]
-    stamps, poses, path = [], [], folder / "GNSSPoses.txt"
-    for stamp, (*row, scale) in read_stamped(path, 8):
-        pose = pose_of_row(np.array(row), path)
-        poses.append(T_map_slam @ SE3.from_parts(pose.rotation, scale * pose.translation))
-        stamps.append(stamp)
-    return trajectory(stamps, poses, path)
+    path = folder / "GNSSPoses.txt"
+    stamps, rows = read_stamped(path, 8)
+    poses = pose_of_row(rows[:, :7], path)
+    return trajectory(stamps, T_map_slam @ SE3.from_parts(poses.rotation, rows[:, 7:] * poses.translation), path)

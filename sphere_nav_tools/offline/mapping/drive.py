@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.writer import MapDetails
-from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav_tools.offline.constants import (
     EDGE_FACTOR,
     MAX_CONTRADICTED,
@@ -25,9 +25,9 @@ from sphere_nav_tools.offline.constants import (
     MIN_WAY_M,
     SURVEY_SIGMA,
 )
-from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses, truth_topics
+from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
+from sphere_nav_tools.offline.pose_bags import first_topic, read_poses, trajectory_of
 from sphere_nav_tools.offline.registering import REMEDY
 
 FIRST = slice(1)  # the first sphere alone
@@ -141,8 +141,8 @@ class MappedDrive:
 def truth_of(path: Path) -> Truth | None:
     """Return the true poses of a bag, None where it has none."""
     with BagReader(path) as bag:
-        topics = truth_topics(bag)
-    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
+        topic = first_topic(bag, TRUTH_TOPICS)
+    return Truth(read_poses(path, (topic,)), is_base=topic.endswith("odometry")) if topic else None
 
 
 def fit_poses(theirs: SE3, ours: SE3) -> SE3:
@@ -166,28 +166,23 @@ def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> li
 
     BagError where most edges contradict the survey: the poses are wrong, of another frame or of other stamps.
     """
-    found = sorted(((_sigmas(edge, surveyed), edge) for edge in aligned.edges), key=lambda pair: pair[0], reverse=True)
-    wrong = [(sigmas, edge) for sigmas, edge in found if sigmas**2 > gate(6, 1e-4)]
+    wrong = sorted(_contradictions(aligned, surveyed), key=lambda pair: pair[0], reverse=True)
     if not wrong:
         return []
-    named = "; ".join(_describe(edge, sigmas, surveyed) for sigmas, edge in wrong[:NUM_NAMED])
-    what = f"{len(wrong)} of {len(found)} motions between key spheres contradict the survey: {named}"
-    if len(wrong) > MAX_CONTRADICTED * len(found):
+    named = "; ".join(words for _, words in wrong[:NUM_NAMED])
+    what = f"{len(wrong)} of {len(aligned.edges)} motions between key spheres contradict the survey: {named}"
+    if len(wrong) > MAX_CONTRADICTED * len(aligned.edges):
         raise BagError(f"{source}: expected surveyed poses that agree with the images, found {what}")
     return [f"warning: {what}"]
 
 
-def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
-    """Return how far the survey is from an edge in standard deviations of both."""
-    covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
-    return float(np.sqrt(squared_distance(edge.T_a_b, _motion(edge, surveyed), covariance)))
-
-
-def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
-    meters, radians = edge.T_a_b.distance(_motion(edge, surveyed))
-    return f"{edge.a} to {edge.b} by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
-
-
-def _motion(edge: Edge, graph: SphereGraph) -> SE3:
-    """Return T_a_b as the poses of a graph have it."""
-    return graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
+def _contradictions(aligned: SphereGraph, surveyed: SphereGraph) -> Iterator[tuple[float, str]]:
+    """Yield how far the survey is from each edge that it contradicts, in standard deviations of both, and in words."""
+    for edge in aligned.edges:
+        T_a_b = surveyed[edge.a].T_map_sphere.inverse() @ surveyed[edge.b].T_map_sphere
+        covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
+        sigmas = float(np.sqrt(squared_distance(edge.T_a_b, T_a_b, covariance)))
+        if sigmas**2 > gate(6, 1e-4):
+            meters, radians = edge.T_a_b.distance(T_a_b)
+            off = f"{1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
+            yield sigmas, f"{edge.a} to {edge.b} by {off}"

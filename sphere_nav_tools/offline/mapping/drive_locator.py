@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -43,6 +45,16 @@ class ObservedMapper(Mapper):
         return update
 
 
+@dataclass
+class Seen:
+    """What a map was to a sphere of a drive: where it was in it, and the share 0...1 that the map does not show."""
+
+    found: Localized | None
+    number: int  # of its small copy
+    lack: float = 1.0
+    is_explained: bool = False
+
+
 class DriveLocator:
     """Told of every sphere by the mapper; its own motion is the odometry of the localiser."""
 
@@ -51,15 +63,12 @@ class DriveLocator:
             input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
         )
         self.base, self._localizer = base, Localizer(params, base)
-        self._found: dict[int, Localized | None] = {}
-        self._explained: set[int] = set()  # stamps of images that the map explains
+        self._seen: dict[int, Seen] = {}  # by the stamp
         self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
         self._small = CompactSpheres()
-        self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
         self._T_odom_graph, self._num_loops = SE3.identity(), 0
         self._last: tuple[Mapper, SE3] | None = None
         self.served: dict[int, Service] = {}
-        self._unlike: dict[int, float] = {}  # of the stamps of what was placed, how little it resembles the map
 
     def close(self) -> None:
         """End the threads of the localiser."""
@@ -76,16 +85,15 @@ class DriveLocator:
         stamp_ns = sphere.stamp_ns
         T_odom_sphere = self._odometry(mapper, update)
         estimate = self._localizer.update(sphere.gray, sphere.camera, stamp_ns, T_odom_sphere)
-        if stamp_ns in self._numbers:
+        if stamp_ns in self._seen:
             return
-        self._found[stamp_ns] = self._locate(estimate)
+        self._seen[stamp_ns] = seen = Seen(self._locate(estimate), len(self._seen))
         self._probation[stamp_ns] = estimate
         if estimate.status.state is not State.PROBATION:
             if estimate.status.state is State.TRACKING:  # a probation that ended well was no failure of the map
                 self._count_shown()
             self._probation.clear()
-        self._numbers[stamp_ns] = len(self._numbers)
-        small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
+        small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, seen.number)
         self._small.add(serialize_to_store(small))
 
     def lacking(self, stamp_ns: int) -> float:
@@ -94,14 +102,14 @@ class DriveLocator:
         One minus the correlation in TRACKING, and in a probation that led to it; else 1. A sphere is tracked all around
         in a light in which one camera is lost, as in snow: that it is tracked does not say what a camera will find.
         """
-        return self._unlike.get(stamp_ns, 1.0)
+        return self._seen[stamp_ns].lack if stamp_ns in self._seen else 1.0
 
     def images(self, mapper: Mapper) -> list[DriveSphere]:
         """Return the spheres of the drive that were placed in it."""
-        tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]
         return [
-            DriveSphere(one, self._found[one.stamp_ns], partial(self._small.__getitem__, self._numbers[one.stamp_ns]))
-            for one in tracks
+            DriveSphere(track, seen.found, partial(self._small.__getitem__, seen.number))
+            for track in mapper.tracks
+            if (seen := self._seen.get(track.stamp_ns)) is not None
         ]
 
     def unexplained(self, mapper: Mapper) -> set[int]:
@@ -109,13 +117,12 @@ class DriveLocator:
 
         A sphere sees all around: it is tracked where one camera is not. So it must resemble the map, too.
         """
-        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks} | {
-            node.stamp_ns: node.id for node in mapper.graph
-        }
-        told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
-        for stamp_ns in self._found.keys() & key_of.keys():
-            told[key_of[stamp_ns]].append(stamp_ns in self._explained)
-        return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
+        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks}
+        key_of |= {node.stamp_ns: node.id for node in mapper.graph}
+        told = defaultdict[int, list[bool]](list)
+        for stamp_ns in self._seen.keys() & key_of.keys():
+            told[key_of[stamp_ns]].append(self._seen[stamp_ns].is_explained)
+        return {key_id for key_id, images in told.items() if np.mean(images) < MIN_EXPLAINED_SHARE}
 
     def _count_shown(self) -> None:
         """Note what the map shows of the spheres of a probation that ended, and of the one that ended it.
@@ -126,9 +133,8 @@ class DriveLocator:
             if estimate.status.references:
                 count_image(self.served, int(estimate.status.references[0]), stamp_ns)
             ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
-            self._unlike[stamp_ns] = 1.0 - max(ncc, 0.0)
-            if is_alike(estimate):
-                self._explained.add(stamp_ns)
+            self._seen[stamp_ns].lack = 1.0 - max(ncc, 0.0)
+            self._seen[stamp_ns].is_explained = is_alike(estimate)
 
     def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
         """Return the pose of a sphere in a frame that loops do not move."""

@@ -19,7 +19,7 @@ _HEARD = "/collector/heard"  # each instant, so that a replay can end after it
 
 
 class Collector(ManagedNode):
-    """Keeps the spheres that a bag gives."""
+    """Keeps what a bag gives of each instant: a sphere, and what belongs to it."""
 
     NAME = "collector"
     PARAMS = SphereMapperParams
@@ -29,18 +29,12 @@ class Collector(ManagedNode):
     def configure(self) -> None:
         """Listen."""
         self.heard, self.publisher = deque[Any](), self.add_publisher(_HEARD, Header)
-        lookup = TransformListener(self.endpoints, is_required=False).lookup
-        Intake(self.params, self._on_sphere, lookup, on_pair=self._on_pair if self.wants_pairs else None).subscribe(
-            self.endpoints
-        )
+        lookup, on_pair = TransformListener(self.endpoints, is_required=False).lookup, None
+        if self.wants_pairs:
+            on_pair = self._keep
+        Intake(self.params, self._keep, lookup, on_pair=on_pair).subscribe(self.endpoints)
 
-    def _on_sphere(self, sphere: Any, *_: object) -> None:
-        self._keep(sphere)
-
-    def _on_pair(self, *pair: Any) -> None:
-        self._keep(pair)
-
-    def _keep(self, instant: Any) -> None:
+    def _keep(self, *instant: Any) -> None:
         self.heard.append(instant)
         self.publisher.publish(Header())
 

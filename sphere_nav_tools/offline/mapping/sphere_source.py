@@ -17,7 +17,7 @@ from sphere_nav.geometry.files.untrusted import read_npy
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
-from sphere_nav_tools.offline.importing.recording import read_meters, read_rgb, require_size
+from sphere_nav_tools.offline.importing.files import read_meters, read_rgb, require_size
 from sphere_nav_tools.offline.mapping.instants import collect
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
@@ -46,7 +46,7 @@ def _of_bag(path: Path, number: int, arguments: argparse.Namespace) -> Sphere:
         found = finder.require(choice)
         slack_s = finder.slack_s(found[TOPICS[kind][0]])
         node, spheres = collect(bag, {"input": kind, "slack_s": slack_s}, found)
-        for count, sphere in enumerate(spheres, 1):
+        for count, (sphere, *_) in enumerate(spheres, 1):
             if count > number:
                 return cast("Sphere", sphere)
     reason = next((f" ({wanted.last_refusal})" for wanted in node.inputs if wanted.num_refused), "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
@@ -41,13 +42,12 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     geometry, rows = pair.geometry, pair.fit
     _, words = describe_rows(pair, node.params.mapper.stereo.calibration_px)
     found = fit_columns(geometry.camera, geometry.baseline_m, windows)
-    is_bent = found is not None and found.is_significant
-    correction = StereoField(
-        tuple(rows.rows) if rows is not None and rows.is_significant else StereoField().rows,
-        tuple(found.columns) if found is not None and is_bent else StereoField().columns,
-    )
-    told = f"stereo: {words}; {describe_disparity(found) if is_bent and found else 'disparity as told'}"
-    return StereoPair(geometry, correction, rows), told
+    correction, disparity = StereoField(), "disparity as told"
+    if rows is not None and rows.is_significant:
+        correction = replace(correction, rows=tuple(rows.rows))
+    if found is not None and found.is_significant:
+        correction, disparity = replace(correction, columns=tuple(found.columns)), describe_disparity(found)
+    return StereoPair(geometry, correction, rows), f"stereo: {words}; {disparity}"
 
 
 def describe_disparity(found: ColumnFit) -> str:

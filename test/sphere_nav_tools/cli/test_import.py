@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import (
     camera_from_info,
     depth_to_meters,
@@ -13,36 +12,12 @@ from sphere_nav.ros.conversions import (
     stamp_ns,
     stereo_baseline,
 )
-from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.cli import import_
 from sphere_nav_tools.cli.main import main
 
 
-@pytest.fixture
-def imported(tmp_path):
-    bags = []
-
-    def run(*words):
-        out = tmp_path / f"bag{len(bags)}"
-        assert main(["import", *map(str, words), "-o", str(out)]) == 0
-        bags.append(out)
-        with BagReader(out) as bag:
-            topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
-            assert all(item.stamp_ns == stamp_ns(item.message) for item in bag.messages() if item.topic != "/tf_static")
-        return topics
-
-    return run
-
-
-def frames_of(topics):
-    tree = TransformTree()
-    for transform in topics["/tf_static"][0].transforms:
-        tree.add(transform, is_static=True)
-    return tree
-
-
 def test_seven_scenes(imported, seven_scenes, box_and_wall):
-    topics = imported("seven_scenes", seven_scenes)
+    topics, frames = imported("seven_scenes", seven_scenes)
     assert {name: len(messages) for name, messages in topics.items()} == {
         "/tf_static": 1,
         "/ground_truth/pose": 3,
@@ -66,12 +41,12 @@ def test_seven_scenes(imported, seven_scenes, box_and_wall):
     # the body of the colour camera: optical x (right) is body -y, 0.2 m and 25 mm from the first depth camera
     np.testing.assert_allclose(pose.translation, [0.0, -0.225, 0.0], atol=1e-9)
     np.testing.assert_allclose(pose.rotation, np.eye(3), atol=1e-9)
-    T_base_optical = frames_of(topics).lookup("base_link", "camera_optical")
+    T_base_optical = frames.lookup("base_link", "camera_optical")
     np.testing.assert_allclose(T_base_optical.apply([[0.0, 0.0, 1.0]]), [[1.0, 0.0, 0.0]], atol=1e-12)
 
 
 def test_tum(imported, tum):
-    topics = imported("tum", tum, "--camera", "500,501,320,240")
+    topics, _ = imported("tum", tum, "--camera", "500,501,320,240")
     assert len(topics["/image_raw"]) == 3  # the third has no depth within 20 ms
     assert [image_to_array(message)[0, 0, 0] for message in topics["/image_raw"]] == [5, 15, 35]
     depths = [depth_to_meters(message)[5, 5] for message in topics["/depth/image_raw"]]
@@ -83,7 +58,7 @@ def test_tum(imported, tum):
 
 
 def test_kitti(imported, kitti):
-    topics = imported("kitti", kitti)
+    topics, frames = imported("kitti", kitti)
     assert {name: len(messages) for name, messages in topics.items()} == {
         "/tf_static": 1,
         "/ground_truth/pose": 3,
@@ -96,7 +71,7 @@ def test_kitti(imported, kitti):
     assert camera_from_info(topics["/left/camera_info"][0]) == Pinhole(120, 40, 700.0, 700.0, 60.0, 20.0)
     pose = pose_to_se3(topics["/ground_truth/pose"][2].pose)
     np.testing.assert_allclose(pose.translation, [2.4, -0.2, 0.0], atol=1e-12)  # forward is x, right is -y
-    T_left_right = frames_of(topics).lookup("left_optical", "right_optical")
+    T_left_right = frames.lookup("left_optical", "right_optical")
     np.testing.assert_allclose(T_left_right.translation, [0.54, 0.0, 0.0], atol=1e-12)
 
 

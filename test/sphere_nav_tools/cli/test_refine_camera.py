@@ -18,6 +18,7 @@ from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
 from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import refine_camera
 from sphere_nav_tools.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
@@ -74,7 +75,7 @@ def test_a_guess_becomes_a_calibration(recorded, tmp_path, capsys):
 
 @pytest.mark.parametrize(("change_px", "num_rounds"), [(1.9, 1), (2.1, 3)])
 def test_a_drive_is_localised_anew_while_the_lens_changes_by_two_pixels(monkeypatch, change_px, num_rounds):
-    lenses, recorded = [], SimpleNamespace(camera=CAMERA, frame_id="optical", odometry="", patience={})
+    lenses, recorded = [], SimpleNamespace(camera=CAMERA, patience={})
     closed = SimpleNamespace(close=lambda: None)
     for name, value in {
         "RecordedCamera": lambda *_: recorded,
@@ -113,13 +114,14 @@ def drive(folder, count):
     return Trajectory(stamps, SE3(np.stack([pose.matrix for pose in poses])))
 
 
-def options(folder, mounting=""):
-    return SimpleNamespace(source=folder, mounting=mounting)
+def mounting_of(folder, mounting, camera):
+    recorded = SimpleNamespace(odometry="/wheels", frame_id="optical", frames=TransformTree())
+    return mounting_by_odometry(SimpleNamespace(source=folder, mounting=mounting), recorded, camera)
 
 
 def test_a_camera_is_mounted_where_odometry_finds_it(tmp_path):
     camera = drive(tmp_path / "bag", 400)
-    found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", "/wheels", camera)
+    found, _ = mounting_of(tmp_path / "bag", "0.5,0,1.1,0,0,0", camera)
     assert found.unobserved == ("z",)
     assert found.values[:6] == pytest.approx([0.6, -0.1, 1.1, 0.02, 0.1, 0.4], abs=2e-3)
     assert next(line for line in mounting_lines(found) if "NOT OBSERVED" in line).startswith("z ")
@@ -129,6 +131,6 @@ def test_a_camera_is_mounted_where_odometry_finds_it(tmp_path):
 
 
 def test_a_drive_that_is_too_short_says_so(tmp_path):
-    found, reason = mounting_by_odometry(options(tmp_path / "bag"), "optical", "/wheels", drive(tmp_path / "bag", 40))
+    found, reason = mounting_of(tmp_path / "bag", "", drive(tmp_path / "bag", 40))
     assert found is None
     assert reason == "expected a drive of at least 8 pieces of 1 m or 17 deg, found 1"

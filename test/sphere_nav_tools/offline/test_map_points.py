@@ -10,8 +10,7 @@ from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.geojson import Datum, geojson
-from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
+from sphere_nav_tools.offline.map_points import COLORS, POINT, Datum, cloud_of, geojson, write_laz, write_ply
 
 
 def test_an_edge_of_range_gives_no_normal_across_it():
@@ -21,10 +20,11 @@ def test_an_edge_of_range_gives_no_normal_across_it():
 
     sphere = Sphere(np.full((32, 64), 9, np.uint8), range_m, Spherical(64, 32))
     cloud = cloud_of(KeySphere(0, 0, SE3.identity(), sphere), sphere, CloudParams(step=1))
-    assert len(cloud.points) == 32 * 64 - 1
-    rays = cloud.points / np.linalg.norm(cloud.points, axis=1, keepdims=True)
-    along = -np.sum(cloud.normals * rays, axis=1)
-    lengths = np.linalg.norm(cloud.normals, axis=1)
+    assert len(cloud) == 32 * 64 - 1
+    points, normals = columns(cloud, "xyz"), columns(cloud, NORMAL)
+    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+    along = -np.sum(normals * rays, axis=1)
+    lengths = np.linalg.norm(normals, axis=1)
     assert np.all((lengths < 1e-6) | (np.abs(lengths - 1) < 1e-5))
     assert along[lengths > 0.5].min() > 0.9  # a sheet across the edge would stand along the ray
 
@@ -33,7 +33,15 @@ def cloud():
     rng = np.random.default_rng(0)
     points = np.round(rng.uniform(-20, 20, (50, 3)), 3).astype(np.float32)
     normals = rng.normal(size=(50, 3)).astype(np.float32)
-    return MapPoints(points, normals, rng.integers(0, 256, (50, 3), dtype=np.uint8))
+    levels = rng.integers(0, 256, (50, 3), dtype=np.uint8)
+    return np.rec.fromarrays([*points.T, *normals.T, *levels.T], dtype=POINT)
+
+
+NORMAL = ("nx", "ny", "nz")
+
+
+def columns(table, names):
+    return np.stack([table[name] for name in names], axis=1)
 
 
 def test_a_ply_has_every_number_under_its_name(tmp_path):
@@ -42,11 +50,12 @@ def test_a_ply_has_every_number_under_its_name(tmp_path):
     data = (tmp_path / "a.ply").read_bytes()
     head, body = data.split(b"end_header\n", 1)
     assert b"element vertex 100" in head
-    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property")]
-    assert names == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
-    table = np.frombuffer(body, [(name, "<f4" if len(name) < 3 else "u1") for name in names])
-    for columns, values in ((("x", "y", "z"), one.points), (("nx", "ny", "nz"), one.normals), (names[6:], one.rgb)):
-        np.testing.assert_array_equal(np.stack([table[name][50:] for name in columns], axis=1), values)
+    properties = [tuple(line.decode().split()[1:]) for line in head.splitlines() if line.startswith(b"property")]
+    names = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    assert properties == list(zip(["float"] * 6 + ["uchar"] * 3, names, strict=True))
+    table = np.frombuffer(body, [(name, "<f4" if kind == "float" else "u1") for kind, name in properties])
+    for name in names:
+        np.testing.assert_array_equal(table[name][50:], one[name])
 
 
 def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
@@ -54,9 +63,12 @@ def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
     assert write_laz(tmp_path / "a.laz", [one]) == 50
     las = laspy.read(tmp_path / "a.laz")
     np.testing.assert_allclose(las.header.scales, 1e-3)
-    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), one.points, atol=5.1e-4)
-    np.testing.assert_array_equal(np.stack([las.red, las.green, las.blue], axis=1), one.rgb * np.uint16(257))
-    np.testing.assert_allclose(np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), one.normals)
+    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), columns(one, "xyz"), atol=5.1e-4)
+    for name in COLORS:
+        np.testing.assert_array_equal(las[name], one[name] * np.uint16(257))
+    np.testing.assert_allclose(
+        np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), columns(one, ["nx", "ny", "nz"])
+    )
 
 
 def test_points_are_of_every_so_many_rows_up_to_a_range():
@@ -64,11 +76,12 @@ def test_points_are_of_every_so_many_rows_up_to_a_range():
         sphere = Sphere(np.full((32, 64), 9, np.uint8), np.full((32, 64), 5.0, np.float32), Spherical(64, 32))
         T = SE3.from_planar(1.0, 2.0, 0.5)
         found = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=4, max_range_m=max_range_m))
-        assert len(found.points) == count
-        np.testing.assert_allclose(np.linalg.norm(found.points - T.translation, axis=1), 5.0, rtol=1e-5)
+        points = columns(found, "xyz")
+        assert len(points) == count
+        np.testing.assert_allclose(np.linalg.norm(points - T.translation, axis=1), 5.0, rtol=1e-5)
         if count:
-            inward = (T.translation - found.points) / 5.0
-            assert np.median(np.sum(found.normals * inward, axis=1)) > 0.98  # to where it was seen from
+            inward = (T.translation - points) / 5.0
+            assert np.median(np.sum(columns(found, NORMAL) * inward, axis=1)) > 0.98  # to where it was seen from
 
 
 # Lengths of a degree from tables of WGS 84: 110.574 and 111.320 km at the equator, 111.132 and 78.847 km at 45 deg

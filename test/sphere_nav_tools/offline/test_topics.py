@@ -13,9 +13,9 @@ from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE_INF
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline import offers
-from sphere_nav_tools.offline.offers import check_stamps, odometry_of, offer_localize, offer_map, offer_mcl
+from sphere_nav_tools.offline.offers import check_stamps, find_offer, odometry_of
 from sphere_nav_tools.offline.topic_finder import TopicFinder
-from sphere_nav_tools.offline.topics import add_options, camera_names, chosen_topics, options_of
+from sphere_nav_tools.offline.topics import add_options, camera_names, options_of
 from worlds.streams import finder_of
 
 
@@ -27,21 +27,21 @@ def parse(*words):
 
 def test_options_name_our_topics():
     words = ("--image", "/a", "--depth-info", "/b", "--camera", "front=/c", "--remap", "/tf:=/d")
-    assert chosen_topics(parse(*words)) == {
+    assert parse(*words).topics == {
         "image_raw": "/a",
         "depth/camera_info": "/b",
         "cameras/front/image_raw": "/c",
         "tf": "/d",
     }
     with pytest.raises(ValueError, match=r"--remap: expected one of our topics .*, found 'imu/data': nobody reads it"):
-        chosen_topics(parse("--remap", "/imu/data:=/d"))
+        parse("--remap", "/imu/data:=/d")
 
 
 def test_what_is_told_is_what_is_understood():
     topics = {"image_raw": "/a", "camera_info": "/camera_info", "cameras/x/image_raw": "/y"}
     words = options_of(topics)
     assert "/camera_info" not in words
-    assert chosen_topics(parse(*words)) == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
+    assert parse(*words).topics == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
     assert camera_names(topics) == ["x"]
 
 
@@ -73,43 +73,45 @@ MOUNTED = frames(*(("base_link", name) for name in NAMES))
 
 
 def test_a_rig_is_mapped_by_the_names_of_its_cameras():
-    found = offer_map(recording(*RIG))
+    found = find_offer("map", recording(*RIG))
     assert found.command[-5:] == ["--rig", "rig.yaml", *(f"--camera={name}=/{name}/image_raw" for name in NAMES)]
     assert "that has these names" in found.note
 
 
 def test_a_rig_file_says_which_cameras_there_are(monkeypatch):
     monkeypatch.setattr(offers, "read_rig", lambda path: SimpleNamespace(names=("left", "top")))
-    found = offer_map(recording(RIG[1]), Path("six.yaml"))
+    found = find_offer("map", recording(RIG[1]), Path("six.yaml"))
     assert found.command[-3:] == ["--rig", "six.yaml", "--camera=left=/left/image_raw"]
     assert found.note.endswith("without top")
-    assert offer_map(recording(), Path("six.yaml")).missing.startswith("expected images of left, top (rig file")
+    assert find_offer("map", recording(), Path("six.yaml")).missing.startswith("expected images of left, top (rig file")
 
 
 def test_several_cameras_localize_by_the_map_of_their_rig_or_by_their_own_calibrations():
-    unmounted, mounted = (offer_localize(recording(*RIG, tree=tree)).command for tree in (frames(), frames(RIG_LINK)))
+    unmounted, mounted = (
+        find_offer("localize", recording(*RIG, tree=tree)).command for tree in (frames(), frames(RIG_LINK))
+    )
     assert "rig.calibration=map" in mounted
     assert "--mounting" not in mounted
     assert unmounted == [*mounted, "--mounting", "0,0,0,0,0,0"]
-    told = offer_localize(recording(*RIG, *INFOS, tree=MOUNTED))
+    told = find_offer("localize", recording(*RIG, *INFOS, tree=MOUNTED))
     assert told.note == "ready, by 3 cameras"
     assert "rig.calibration=map" not in told.command
-    assert "choose by --image" in offer_localize(recording(*RIG, *INFOS)).missing
-    assert "choose by --image" in offer_localize(recording(RIG[0], RIG[1])).missing
+    assert "choose by --image" in find_offer("localize", recording(*RIG, *INFOS)).missing
+    assert "choose by --image" in find_offer("localize", recording(RIG[0], RIG[1])).missing
 
 
 def test_bare_geometry_needs_the_height_of_the_camera_and_names_odometry_that_is_missing():
     one = (RIG[0], INFOS[0])
-    assert offer_mcl(recording(*one, ODOM, tree=MOUNTED)).command[:3] == ["sphere_nav", "mcl", "CLOUD"]
-    alone = offer_mcl(recording(*one, tree=MOUNTED))
+    assert find_offer("mcl", recording(*one, ODOM, tree=MOUNTED)).command[:3] == ["sphere_nav", "mcl", "CLOUD"]
+    alone = find_offer("mcl", recording(*one, tree=MOUNTED))
     assert alone.command[:3] == ["sphere_nav", "mcl", "CLOUD"]
     assert alone.note.startswith("ready; no place is trusted without odometry (nav_msgs/Odometry, or")
-    assert "odometry" not in offer_mcl(recording(*one, ODOM, tree=MOUNTED)).note
-    assert "base_link and front on /tf_static, or the height" in offer_mcl(recording(*one, ODOM)).missing
-    assert offer_mcl(recording(*one, ODOM, mounting="0,0,1,0,0,0")).command
+    assert "odometry" not in find_offer("mcl", recording(*one, ODOM, tree=MOUNTED)).note
+    assert "base_link and front on /tf_static, or the height" in find_offer("mcl", recording(*one, ODOM)).missing
+    assert find_offer("mcl", recording(*one, ODOM, mounting="0,0,1,0,0,0")).command
     moving = frames(("odom", "base_link"), is_static=False)
     moving.add(se3_to_transform(SE3.identity(), SECOND, "base_link", "front"), is_static=True)
-    assert offer_mcl(recording(*one, tree=moving)).command
+    assert find_offer("mcl", recording(*one, tree=moving)).command
     assert odometry_of(recording(*one, tree=moving)) == "/tf (odom to base_link)"
 
 
@@ -119,11 +121,11 @@ def test_a_panorama_is_offered_with_what_it_needs():
         ([], ["--set", "is_panorama=true"]),
     ]:
         image = Stream("/theta/image_raw", IMAGE, 9, 30.0, "front", 256, 128, "rgb8")
-        for offer in (offer_localize, offer_mcl):
-            found = offer(recording(image, *info, ODOM, tree=MOUNTED))
+        for job in ("localize", "mcl"):
+            found = find_offer(job, recording(image, *info, ODOM, tree=MOUNTED))
             assert found.command[-2:] == words
             assert ("whole spheres" in found.note) == (not info)
-        assert offer_localize(recording(RIG[0])).missing  # no panorama: not twice as wide as high
+        assert find_offer("localize", recording(RIG[0])).missing  # no panorama: not twice as wide as high
 
 
 def test_images_of_different_instants_are_no_pair(monkeypatch):

@@ -10,7 +10,7 @@ from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole,
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
-from sphere_nav_tools.offline.importing.recording import read_image
+from sphere_nav_tools.offline.importing.files import read_image
 from worlds.foreign import read_foreign, refusal
 
 

@@ -10,9 +10,10 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.conversions import transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.offline.importing.frames import Folder, instants_of, open_frames, stamp_of
+from sphere_nav_tools.offline.importing.files import read_stamped
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder, instants_of, open_frames, stamp_of
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, SIDES
+from sphere_nav_tools.offline.importing.recording import SIDES
 from sphere_nav_tools.offline.importing.rgbd import open_tum
 
 LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
@@ -38,6 +39,18 @@ def test_a_stamp_is_told_by_its_digits():
         ("12345678901", None),
     ]:
         assert stamp_of(stem) == expected
+
+
+def test_a_stamp_in_a_table_is_read_to_the_nanosecond_and_the_line_that_is_wrong_is_named(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text("#stamp [ns], x\n1403636579763555583,1.5,7\n\n1403636579763555585,2.5\n")
+    assert [found.tolist() for found in read_stamped(path, 1)] == [
+        [1403636579763555583, 1403636579763555585],
+        [[1.5], [2.5]],
+    ]
+    path.write_text("\n14036e3,1\n")
+    with pytest.raises(ValueError, match=r"data\.csv:2: expected a whole number"):
+        read_stamped(path, 1)
 
 
 def test_files_come_by_their_last_number_and_not_by_their_letters(tmp_path):

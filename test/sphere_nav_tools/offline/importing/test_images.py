@@ -104,24 +104,6 @@ def test_a_folder_that_is_no_bag_is_named_with_its_command(capsys, tmp_path):
     assert "phone: expected 2 H x H pixels of a whole sphere, found 320 x 240" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (
-            ("--camera", "300,300,159.5,119.5", "--baseline", "0.3"),
-            "right: expected 1 images as of left, found 2 of right",
-        ),
-    ],
-)
-def test_images_without_a_lens_a_base_line_or_a_partner_are_refused(capsys, tmp_path, words, expected):
-    for side, number in (("left", 0), ("right", 0), ("right", 1)):
-        write(tmp_path / "in" / side / f"{number}.png", wall(0.0))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert len(error) == 1
-    assert expected in error[0]
-
-
 def test_panoramas_one_above_the_other_become_spheres_with_range(tmp_path):
     camera, folder = Spherical(256, 128), tmp_path / "pairs"
     rays = camera.unproject(pixel_grid(camera))

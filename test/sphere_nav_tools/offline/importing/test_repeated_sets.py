@@ -4,11 +4,8 @@ import cv2
 import numpy as np
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
-from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, pose_to_se3, stamp_ns
-from sphere_nav.ros.tf import TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.importing.stereo import MUNICH, open_euroc
 
 WIDTH, HEIGHT, COUNT = 32, 24, 3
@@ -32,16 +29,6 @@ def write_images(folder, names, value=0, depth=None):
 def write_lines(path, lines):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(lines) + "\n")
-
-
-def imported(tmp_path, kind, folder):
-    assert main(["import", kind, str(folder), "-o", str(tmp_path / "bag")]) == 0
-    with BagReader(tmp_path / "bag") as bag:
-        topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
-    tree = TransformTree()
-    for transform in topics["/tf_static"][0].transforms:
-        tree.add(transform, is_static=True)
-    return topics, tree
 
 
 def pose(i):
@@ -73,8 +60,8 @@ def euroc(folder, model="radial-tangential"):
     return folder
 
 
-def test_euroc(tmp_path):
-    topics, tree = imported(tmp_path, "euroc", euroc(tmp_path / "MH_01_easy"))
+def test_euroc(tmp_path, imported):
+    topics, tree = imported("euroc", euroc(tmp_path / "MH_01_easy"))
     assert [stamp_ns(message) for message in topics["/left/image_raw"]] == STAMPS
     assert topics["/right/image_raw"][2].data[0] == 12
     left = camera_from_info(topics["/left/camera_info"][0])
@@ -94,7 +81,7 @@ def test_an_asl_folder_of_fisheyes_and_a_truth_with_gaps(tmp_path):
     write_lines(mav / "mocap0" / "data.csv", [rows[0], rows[1], ",".join([*words[:4], "0", "0", "0", "0"]), rows[3]])
     recording = open_euroc(mav)
     assert isinstance(recording.views["left"].camera, Fisheye)
-    assert recording.truth_name == "mocap0"
+    assert recording.truth == "mocap0"
     # the target was out of sight: between the rows before and after
     between = recording.instants[1].T_map_link @ T_BODY_OPTICAL
     np.testing.assert_allclose(between.translation, (pose(1) @ T_BODY_LEFT).translation, atol=1e-3)
@@ -125,7 +112,7 @@ def transformations(T_e_gpsw, T_w_gpsw, T_S_AS):
     return [*lines, "# GNSS scale", "0.969397"]
 
 
-def test_four_seasons(tmp_path):
+def test_four_seasons(tmp_path, imported):
     folder = four_seasons(tmp_path / "recording_2020-03-24_17-36-22")
     latitude, longitude, _ = MUNICH
     up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
@@ -138,7 +125,7 @@ def test_four_seasons(tmp_path):
         T = pose(i)
         rows.append(",".join(map(str, [STAMPS[i], *(T.translation / 1.1), *quaternion(T, "xyzw"), 1.1, 0, 0])))
     write_lines(folder / "GNSSPoses.txt", rows)
-    topics, tree = imported(tmp_path, "four_seasons", folder)
+    topics, tree = imported("four_seasons", folder)
     assert [stamp_ns(message) for message in topics["/left/image_raw"]] == STAMPS
     assert camera_from_info(topics["/right/camera_info"][0]) == Pinhole(WIDTH, HEIGHT, 20.5, 20.5, 15.0, 11.0)
     np.testing.assert_allclose(tree.lookup("left_optical", "right_optical").translation, [0.3, 0.0, 0.0], atol=1e-12)
@@ -152,7 +139,7 @@ def test_four_seasons(tmp_path):
     np.testing.assert_allclose(found[0].rotation, T_gpsw_body[0].rotation, atol=1e-6)
 
 
-def test_openloris(tmp_path):
+def test_openloris(tmp_path, imported):
     folder = tmp_path / "office1-1"
     seconds = [f"{1_560_000_083 + 0.1 * i:.6f}" for i in range(COUNT)]
     write_images(folder / "color", seconds)
@@ -179,7 +166,7 @@ def test_openloris(tmp_path):
     ])  # fmt: skip
     rows = [" ".join(map(str, [s, *pose(i).translation, *pose(i).quaternion])) for i, s in enumerate(seconds)]
     write_lines(folder / "groundtruth.txt", ["#Time px py pz qx qy qz qw", *rows])
-    topics, tree = imported(tmp_path, "openloris", folder)
+    topics, tree = imported("openloris", folder)
     assert camera_from_info(topics["/camera_info"][0]) == Pinhole(WIDTH, HEIGHT, 20.5, 20.6, 15.0, 11.0)
     np.testing.assert_allclose(depth_to_meters(topics["/depth/image_raw"][0]), 1.5)
     np.testing.assert_allclose(tree.lookup("base_link", "camera_optical").matrix, T_base_color.matrix, atol=1e-9)
