@@ -38,7 +38,7 @@ NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
 CAR_POINTS = 8  # along the car, from which traffic keeps off
 CAMERA_ROOM = 0.3  # around a camera that is anywhere, m
-T_BASE_TORCH = SE3.from_parts(np.eye(3), [1.5, 0.0, 0.7]) @ SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(1.5), 0.0])
+T_BASE_TORCH = SE3.from_angles(0.0, float(np.radians(1.5)), 0.0, [1.5, 0.0, 0.7])
 
 
 class Simulator:
