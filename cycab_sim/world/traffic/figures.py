@@ -70,7 +70,7 @@ def make_tram(rng: np.random.Generator) -> Figure:
 def make_pedestrian(rng: np.random.Generator) -> Figure:
     """Return somebody who walks."""
     tall = rng.uniform(0.92, 1.07)
-    cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
+    cloth, trousers, skin = _dressed(rng)
     hip, shoulder, phase, wave = 0.88 * tall, 1.42 * tall, rng.uniform(0.0, 6.28), 2 * np.pi / STRIDE
     has_bag = rng.random() < 0.4
 
@@ -92,7 +92,7 @@ def make_pedestrian(rng: np.random.Generator) -> Figure:
 def make_cyclist(rng: np.random.Generator) -> Figure:
     """Return somebody on a bicycle whose wheels turn."""
     paint = finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
-    cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
+    cloth, trousers, skin = _dressed(rng)
 
     def frame(mesh: MeshBuilder) -> None:
         for low, size in (
@@ -122,6 +122,11 @@ def _built(rng: np.random.Generator, add: Callable[..., None], *arguments: Any) 
     mesh = MeshBuilder(rng, is_clutter=True)
     add(mesh, *arguments)
     return mesh.build()
+
+
+def _dressed(rng: np.random.Generator) -> list[Finish]:
+    """Return somebody's jacket, trousers and skin."""
+    return [_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS)]
 
 
 def _cloth(color: Color) -> Finish:
