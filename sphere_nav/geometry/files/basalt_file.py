@@ -72,8 +72,8 @@ def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
     if kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
     fields = ("fx", "fy", "cx", "cy", *FURTHER[kind])
-    given = required(lens.intrinsics, f"{where}.intrinsics", fields)
-    plane, more = [given[field] for field in fields[:4]], [given[field] for field in FURTHER[kind]]
+    given = [required(lens.intrinsics, f"{where}.intrinsics", fields)[field] for field in fields]
+    plane, more = given[:4], given[4:]
     model: tuple[Any, ...] = (Fisheye if kind == "kb4" else Pinhole), tuple(more)
     if kind in ("ds", "ucm"):
         model = DoubleSphere, *[0.0, *more][-2:]  # a unified camera is one whose two spheres coincide

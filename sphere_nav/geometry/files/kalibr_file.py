@@ -102,7 +102,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     is_known = isinstance(distortion, str) and distortion in NUM_DISTORTION
     if not is_known or (model != "pinhole" and distortion != "none" and (model, distortion) != ("omni", "radtan")):
         raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
-    given = numbers(entry["intrinsics"] or [], f"{name}.intrinsics", NUM_INTRINSICS[model])
+    given = numbers(entry["intrinsics"], f"{name}.intrinsics", NUM_INTRINSICS[model])
     k = numbers(entry.get("distortion_coeffs") or [], f"{name}.distortion_coeffs", NUM_DISTORTION[distortion])
     size = image_size(entry["resolution"], f"{name}.resolution")
     lens: tuple[Any, ...] = (Fisheye if distortion == "equidistant" else Pinhole), k
