@@ -33,7 +33,7 @@ class Style:
     is_shop: bool
 
 
-def random_style(rng: np.random.Generator) -> Style:
+def _random_style(rng: np.random.Generator) -> Style:
     """Draw the style of a house."""
     return Style(
         wall=finishes.wall(rng),
@@ -50,7 +50,7 @@ def random_style(rng: np.random.Generator) -> Style:
 
 def add_house(mesh: MeshBuilder, width: float, depth: float, storeys: int, rng: np.random.Generator) -> None:
     """Add a house; its lower left front corner is the origin, x along the front, y into the house."""
-    style = random_style(rng)
+    style = _random_style(rng)
     height = GROUND_STOREY + (storeys - 1) * style.storey + 0.5
     _add_front(mesh, width, height, storeys, style, rng)
     for x, y, turn, length in ((width, 0.0, 90, depth), (width, depth, 180, width), (0.0, depth, 270, depth)):
