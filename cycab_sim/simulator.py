@@ -38,7 +38,7 @@ NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
 CAR_POINTS = 8  # along the car, from which traffic keeps off
 CAMERA_ROOM = 0.3  # around a camera that is anywhere, m
-T_BASE_TORCH = SE3.from_parts(np.eye(3), [1.5, 0.0, 0.7]) @ SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(1.5), 0.0])
+T_BASE_TORCH = SE3.from_angles(0.0, float(np.radians(1.5)), 0.0, [1.5, 0.0, 0.7])
 
 
 class Simulator:
@@ -185,9 +185,7 @@ class Schedule:
     """Which outputs are due, by time or by the way driven; `count` is the number of the latest of each kind, from 0."""
 
     def __init__(self, params: SimParams) -> None:
-        self._periods = {"odom": params.odometry.period}
-        if params.camera.period:
-            self._periods["camera"] = params.camera.period
+        self._periods = {"odom": params.odometry.period, "camera": params.camera.period}
         self._periods |= {name: p.period for name, p in (("imu", params.imu), ("scan", params.scan)) if p.is_on}
         has = {"sphere": params.sphere.width > 0, "rig": params.rig.kind != "none"}
         names = [name for name in has if has[name] and params.capture.when in ("always", params.mode)]
@@ -202,7 +200,11 @@ class Schedule:
 
     def take(self, now_ns: int) -> list[str]:
         """Return what is due now and mark it as done."""
-        due = [name for name, period in self._periods.items() if self._is_time(name, period, now_ns)]
+        due = [
+            name
+            for name, period in self._periods.items()
+            if period and now_ns >= (self.count[name] + 1) * round(period * SECOND)
+        ]
         for name, way in self._ways.items():
             if way >= self._distance - 1e-9:
                 due.append(name)
@@ -210,6 +212,3 @@ class Schedule:
         for name in due:
             self.count[name] += 1
         return due
-
-    def _is_time(self, name: str, period: float, now_ns: int) -> bool:
-        return now_ns >= (self.count[name] + 1) * round(period * SECOND)

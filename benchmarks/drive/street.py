@@ -72,15 +72,14 @@ def _add_houses(mesh: MeshBuilder, middle: Path, side: float, rng: np.random.Gen
         way = width / (1.0 - bend * side * WALL)  # along the middle
         corner, yaw = (s, 0.5 * bend * way) if side > 0 else (s + way, np.pi - 0.5 * bend * way)
         at = place_beside(middle, corner, side * (WALL + back), yaw, KERB_HEIGHT)
-        add_house(mesh, at, width, DEEP, int(rng.integers(2, 5)), rng)
+        add_house(mesh.within(at), width, DEEP, int(rng.integers(2, 5)), rng)
         s += way + (rng.uniform(2.0, 5.0) if rng.random() < 0.2 else 0.0)
 
 
 def _furnish(mesh: MeshBuilder, middle: Path, side: float, rng: np.random.Generator) -> None:
     yaw = 0.0 if side > 0 else np.pi
     for s in np.arange(-BEYOND + rng.uniform(0.0, NEXT), middle.length + BEYOND, NEXT):
-        add_on_pavement(mesh, place_beside(middle, s, side * HALF_ROAD, yaw, KERB_HEIGHT), rng)
+        add_on_pavement(mesh.within(place_beside(middle, s, side * HALF_ROAD, yaw, KERB_HEIGHT)), rng)
         if side > 0 and rng.random() < 0.4:
-            mesh.is_clutter = mesh.is_parked = True
-            furniture.add_car(mesh, place_beside(middle, s, HALF_ROAD, yaw) @ placed(0.0, -1.05, 0.0), rng)
-            mesh.is_clutter = mesh.is_parked = False
+            kerb = mesh.clutter(is_parked=True).within(place_beside(middle, s, HALF_ROAD, yaw))
+            furniture.add_car(kerb.at(0.0, -1.05), rng)

@@ -95,7 +95,7 @@ def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
         for r in range(3):
             shift = 0.0
             for c in range(3):
-                turned = f[r, 0] * m[c, 0] + f[r, 1] * m[c, 1] + f[r, 2] * m[c, 2]
+                turned = along(f, r, m[c])
                 out[r, c] = turned
                 shift += turned * m[c, 3]
             out[r, 3] = f[r, 3] - shift

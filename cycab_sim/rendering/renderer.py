@@ -30,7 +30,7 @@ from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
-def paint_rays(mesh: Mesh, view: PixelView, color: Floats) -> None:
+def _paint_rays(mesh: Mesh, view: PixelView, color: Floats) -> None:
     """Write the linear colour (N, 3) of what is in view; arrays: see `locate_surfaces` and `dress`."""
     num = len(view.rays)
     points, depths = np.empty((8, num), np.float32), np.empty(num, np.float32)
@@ -156,7 +156,7 @@ class Renderer:
     def _shade(self, view: PixelView, depths: Floats, color: Floats, is_mirror: bool = False) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
-        paint_rays(m, view, color)
+        _paint_rays(m, view, color)
         self._weather.change(view, now, color)
         albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(

@@ -39,13 +39,10 @@ class Mount:
 def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
-    x, y, z, roll, pitch, yaw = params.place
-    place = SE3.from_parts(np.eye(3), [x, y, z])
-    tilt = SE3.identity()
-    for axis, angle in ((5, yaw), (4, pitch), (3, roll)):
-        tilt = tilt @ SE3.exp(np.radians(angle) * np.eye(6)[axis])
     is_sphere = params.model == "panorama"
-    T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
+    roll, pitch, yaw = np.radians(params.place[3:]).tolist()
+    place = SE3.from_angles(roll, pitch, yaw, params.place[:3])
+    T_base_camera = place @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
     imaging = replace(imaging, vignetting=0.0) if is_sphere else imaging
     return Mount(

@@ -70,12 +70,8 @@ class Faults:
         end = begin + int(duration * SECOND) if duration > 0.0 else None
         self._faults.append(Fault(target, kind, magnitude, begin, end))
 
-    def active(self, now_ns: int) -> list[Fault]:
-        """Return those in force or still to come."""
-        return [fault for fault in self._faults if fault.end_ns is None or now_ns < fault.end_ns]
-
     def described(self, now_ns: int) -> list[dict[str, str | float]]:
-        """Return the active faults by the field names of SimulationFault.msg; start in s, duration 0: until cleared."""
+        """Return those in force or to come, by fields of SimulationFault.msg; start in s, duration 0: until cleared."""
         return [
             {
                 "target": fault.target,
@@ -84,7 +80,8 @@ class Faults:
                 "start": fault.start_ns / SECOND,
                 "duration": 0.0 if fault.end_ns is None else (fault.end_ns - fault.start_ns) / SECOND,
             }
-            for fault in self.active(now_ns)
+            for fault in self._faults
+            if fault.end_ns is None or now_ns < fault.end_ns
         ]
 
     def magnitude(self, target: str, kind: str, now_ns: int) -> float | None:

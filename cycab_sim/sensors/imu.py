@@ -80,7 +80,7 @@ class Imu:
         noise = np.random.default_rng([self._seed, index, 29]).standard_normal((3, 3))
         tilt = math.radians(p.orientation_noise_deg) * noise[2]
         true = T_world_base @ self.T_base_imu
-        turn = SE3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, self._heading_error]))
+        turn = SE3.from_planar(0.0, 0.0, self._heading_error)
         measured = turn @ SE3.from_parts(true.rotation, np.zeros(3)) @ SE3.exp(np.concatenate([np.zeros(3), tilt]))
         force = self._force + self._biases[0] + p.acceleration_noise * noise[0]
         rate = self._rate + self._biases[1] + p.rate_noise * noise[1]

@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from cycab_sim.world import finishes, furniture
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat, placed
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat
 from cycab_sim.world.paths import Path, Piece, rounded, turn
 from cycab_sim.world.street import KERB_HEIGHT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
-from cycab_sim.world.town import Rectangle, add_houses, add_row, add_skyline, furnish
+from cycab_sim.world.town import Rectangle, add_houses, add_row, add_skyline, furnish, street_ends
 
 BOUNDS: Rectangle = (-75.0, -80.0, 230.0, 150.0)
 SQUARE: Rectangle = (70.0, -45.0, 170.0, 55.0)
@@ -63,15 +63,15 @@ def build_city(seed: int) -> Mesh:
         furnish(mesh, block, rng, sides)
     x0, y0, x1, y1 = BOUNDS
     east, north = SQUARE[2], np.pi / 2
-    for at, length, crossings in (
-        (placed(x0, 0.0, 0.0), SQUARE[0] - x0, (-20.0 - x0, 40.0 - x0)),
-        (placed(east, 0.0, 0.0), x1 - east, ()),
-        (placed(x0, 110.0, 0.0), x1 - x0, (-20.0 - x0, 40.0 - x0)),
-        (placed(-20.0, y0, north), y1 - y0, (-y0, 110.0 - y0)),
-        (placed(40.0, HALF, north), 110.0 - 2 * HALF, ()),
-        (placed(150.0, y0, north), SQUARE[1] - y0, ()),
+    for place, length, crossings in (
+        ((x0, 0.0), SQUARE[0] - x0, (-20.0 - x0, 40.0 - x0)),
+        ((east, 0.0), x1 - east, ()),
+        ((x0, 110.0), x1 - x0, (-20.0 - x0, 40.0 - x0)),
+        ((-20.0, y0, north), y1 - y0, (-y0, 110.0 - y0)),
+        ((40.0, HALF, north), 110.0 - 2 * HALF, ()),
+        ((150.0, y0, north), SQUARE[1] - y0, ()),
     ):
-        add_street(mesh, at, length, crossings, rng, HALF)
+        add_street(mesh.at(*place), length, crossings, rng, HALF)
     _add_square(mesh, rng)
     _add_rails(mesh)
     _close_views(mesh, rng)
@@ -88,22 +88,21 @@ def _add_square(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     for x in np.arange(x0 + 7.0, x1 - 5.0, 9.0):
         for y in (y0 + 5.0, y1 - 5.0):
             if abs(x - LANE_X) > 5.0 and not (y < 0.0 and abs(x - TRAM[0][0]) < 6.0):
-                furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28)), rng)
-                furniture.add_bench(mesh, placed(x + 4.5, y, np.pi / 2 if y < 0 else -np.pi / 2), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
+                furniture.add_bench(mesh.at(x + 4.5, y, np.pi / 2 if y < 0 else -np.pi / 2), rng)
     for y in np.arange(y0 + 12.0, y1 - 10.0, 9.0):
         for x in (x0 + 5.0, x1 - 5.0):
             if abs(y) > 9.0:
-                furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28)), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
     for x, y in ((90.0, 8.0), (90.0, -8.0), (112.0, -14.0), (135.0, 8.0), (128.0, 30.0), (110.0, 46.0), (160.0, 6.0)):
-        furniture.add_lamp(mesh, placed(x, y, rng.uniform(0, 6.28)), rng)
-    furniture.add_monument(mesh, placed(98.0, 27.0, 0.6), rng)
-    furniture.add_kiosk(mesh, placed(100.0, -26.0, 0.2), rng)
+        furniture.add_lamp(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
+    furniture.add_monument(mesh.at(98.0, 27.0, 0.6), rng)
+    furniture.add_kiosk(mesh.at(100.0, -26.0, 0.2), rng)
     for x, y, length, yaw in ((138.0, 20.0, 16.0, 0.0), (138.0, 32.0, 16.0, 0.0), (84.0, -20.0, 10.0, np.pi / 2)):
-        furniture.add_hedge(mesh, placed(x, y, yaw), length, rng)
-    mesh.is_clutter = True
+        furniture.add_hedge(mesh.at(x, y, yaw), length, rng)
     for _ in range(8):
-        furniture.add_box(mesh, placed(rng.uniform(84.0, 96.0), rng.uniform(-36.0, -32.0), rng.uniform(0, 6.28)), rng)
-    mesh.is_clutter = False
+        x, y = rng.uniform(84.0, 96.0), rng.uniform(-36.0, -32.0)
+        furniture.add_box(mesh.clutter().at(x, y, rng.uniform(0, 6.28)), rng)
 
 
 def _add_rails(mesh: MeshBuilder) -> None:
@@ -120,10 +119,5 @@ def _add_rails(mesh: MeshBuilder) -> None:
 
 def _close_views(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     """Close the ends of the streets by houses across."""
-    x0, y0, x1, y1 = BOUNDS
-    ends = [placed(x1 + 10, y, -np.pi / 2) for y in (0.0, 110.0)] + [
-        placed(x0 - 10, y, np.pi / 2) for y in (0.0, 110.0)
-    ]
-    ends += [placed(-20.0, y1 + 10, 0.0)] + [placed(x, y0 - 10, np.pi) for x in (-20.0, 150.0)]
-    for at in ends:
-        add_row(mesh, at @ placed(-16.0, 0.0, 0.0, -KERB_HEIGHT), 32.0, 9.0, rng)
+    for end in street_ends(mesh, BOUNDS, 10.0, (0.0, 110.0), (-20.0,), (-20.0, 150.0)):
+        add_row(end.at(-16.0, 0.0, 0.0, -KERB_HEIGHT), 32.0, 9.0, rng)

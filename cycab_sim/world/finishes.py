@@ -45,9 +45,7 @@ SIGNS: tuple[tuple[Color, Color], ...] = (
 
 def pick(rng: np.random.Generator, options: tuple[Color, ...]) -> Color:
     """Return one of the colours, a little lighter or darker."""
-    color = options[int(rng.integers(len(options)))]
-    factor = 1.0 + 0.12 * (2.0 * rng.random() - 1.0)
-    return (color[0] * factor, color[1] * factor, color[2] * factor)
+    return darker(options[int(rng.integers(len(options)))], 1.0 + 0.12 * (2.0 * rng.random() - 1.0))
 
 
 def darker(color: Color, factor: float) -> Color:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,23 +66,38 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 
 @dataclass
 class MeshBuilder:
-    """Collects flat panels and free triangles, all in one coordinate frame, and numbers their surfaces."""
+    """Collects flat panels and free triangles, and numbers their surfaces; what is built gets its builder by `at`."""
 
     rng: np.random.Generator
     is_clutter: bool = False  # whether what is added now comes and goes
     is_parked: bool = False  # whether it is a parked car
+    placement: Array = field(default_factory=lambda: np.eye(4))  # (4, 4): of the frame in which things are added
     slots: list[Array] = field(default_factory=list)  # placements (4, 4) where a car may be parked
     lamps: list[Array] = field(default_factory=list)  # points (3,) below the heads of street lamps
     height: Callable[[Array], Array] | None = None  # of the ground, m, at x (N,): everything stands on it
-    _clutter: list[tuple[bool, bool]] = field(default_factory=list)
     _triangles: list[Array] = field(default_factory=list)
-    _surfaces: list[Integers] = field(default_factory=list)
-    _corners: list[Array] = field(default_factory=list)
-    _finishes: list[tuple[Finish, int]] = field(default_factory=list)
+    _surface_of: list[Integers] = field(default_factory=list)
+    _surfaces: list[tuple[Array, Finish, int, bool, bool]] = field(default_factory=list)
+
+    def at(self, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> MeshBuilder:
+        """Return what adds to the same collection around (x, y, z) m, turned by `yaw` radians."""
+        return self.within(placed(x, y, yaw, z))
+
+    def within(self, placement: Array) -> MeshBuilder:
+        """Return what adds to the same collection in a frame that is placed by a matrix (4, 4)."""
+        return replace(self, placement=self.placement @ placement)
+
+    def clutter(self, is_parked: bool = False) -> MeshBuilder:
+        """Return what adds to the same collection things that come and go."""
+        return replace(self, is_clutter=True, is_parked=is_parked)
+
+    def place(self, points: ArrayLike) -> Array:
+        """Return where points (..., 3) of the frame are in the world."""
+        return np.asarray(points, dtype=np.float64) @ self.placement[:3, :3].T + self.placement[:3, 3]
 
     def panels(self, corners: ArrayLike, finish: Finish) -> None:
         """Add flat quadrilaterals (N, 4, 3), counter-clockwise from outside, lower left first: N surfaces."""
-        quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        quads = self.place(corners).reshape(-1, 4, 3)
         first = self.num_surfaces
         for quad in quads:
             self._new_surface(quad[[0, 1, 3]], finish)
@@ -90,31 +105,30 @@ class MeshBuilder:
 
     def sheet(self, corners: ArrayLike, finish: Finish, frame: ArrayLike) -> None:
         """Add quadrilaterals (N, 4, 3) of one plane as one surface; frame (3, 3): origin, points along u and v."""
-        quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
-        self._new_surface(np.asarray(frame, dtype=np.float64), finish)
+        quads = self.place(corners).reshape(-1, 4, 3)
+        self._new_surface(self.place(frame), finish)
         self._add_quads(quads, np.full(len(quads), self.num_surfaces - 1))
 
-    def solid(self, triangles: ArrayLike, finish: Finish, origin: ArrayLike) -> None:
+    def solid(self, triangles: ArrayLike, finish: Finish, origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Add free triangles (N, 3, 3) as one surface with texture in space around `origin`, u, v, w = x, y, z."""
-        faces = np.asarray(triangles, dtype=np.float64)
-        start = np.asarray(origin, dtype=np.float64)
-        self._new_surface(start + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
+        faces = self.place(triangles)
+        self._new_surface(self.place(origin) + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
         self._triangles.append(faces)
-        self._surfaces.append(np.full(len(faces), self.num_surfaces - 1))
+        self._surface_of.append(np.full(len(faces), self.num_surfaces - 1))
 
-    def box(self, low: ArrayLike, size: ArrayLike, finish: Finish, placement: Array | None = None) -> None:
-        """Add a box from corner `low` (3,), size (3,) m, moved by a matrix (4, 4) where one is given."""
-        quads = np.asarray(low) + BOX_FACES * np.asarray(size)
-        self.panels(quads if placement is None else moved(quads, placement), finish)
+    def box(self, low: ArrayLike, size: ArrayLike, finish: Finish) -> None:
+        """Add a box from corner `low` (3,), size (3,) m."""
+        self.panels(np.asarray(low) + BOX_FACES * np.asarray(size), finish)
 
     @property
     def num_surfaces(self) -> int:
         """Number of surfaces so far."""
-        return len(self._corners)
+        return len(self._surfaces)
 
     def build(self) -> Mesh:
         """Return everything collected as arrays."""
-        triangles, corners = np.concatenate(self._triangles), np.stack(self._corners)
+        frames, finishes, seeds, is_clutter, is_parked = zip(*self._surfaces, strict=True)
+        triangles, corners = np.concatenate(self._triangles), np.stack(frames)
         if self.height is not None:
             for points in (triangles, corners):
                 points[..., 2] += self.height(points[..., 0])
@@ -125,32 +139,29 @@ class MeshBuilder:
         return Mesh(
             triangles=triangles[keep].astype(np.float32),
             normals=(normals[keep] / area[keep, None]).astype(np.float32),
-            surface_of=np.concatenate(self._surfaces)[keep].astype(np.int32),
+            surface_of=np.concatenate(self._surface_of)[keep].astype(np.int32),
             frames=_frames(corners),
-            kinds=np.array([(f.kind, seed) for f, seed in self._finishes], np.int32),
-            params=np.array(
-                [(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32
-            ),
-            colors=np.array([(f.color, f.second) for f, _ in self._finishes], np.float32),
-            is_clutter=np.array([is_clutter for is_clutter, _ in self._clutter], bool),
-            is_parked=np.array([is_parked for _, is_parked in self._clutter], bool),
+            kinds=np.array([(f.kind, seed) for f, seed in zip(finishes, seeds, strict=True)], np.int32),
+            params=np.array([(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f in finishes], np.float32),
+            colors=np.array([(f.color, f.second) for f in finishes], np.float32),
+            is_clutter=np.array(is_clutter, bool),
+            is_parked=np.array(is_parked, bool),
             slots=np.array(self.slots, np.float64).reshape(-1, 4, 4),
             lamps=np.array(self.lamps, np.float64).reshape(-1, 3),
         )
 
     def _new_surface(self, frame: Array, finish: Finish) -> None:
-        self._corners.append(frame)
-        self._clutter.append((self.is_clutter, self.is_parked))
-        self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
+        seed = int(self.rng.integers(1, 1 << 20))
+        self._surfaces.append((frame, finish, seed, self.is_clutter, self.is_parked))
 
     def _add_quads(self, quads: Array, surfaces: Integers) -> None:
-        self._triangles.append(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
-        self._surfaces.append(np.repeat(surfaces, 2))
+        self._triangles.append(halved(quads))
+        self._surface_of.append(np.repeat(surfaces, 2))
 
 
-def moved(points: Array, placement: Array) -> Array:
-    """Map points (..., 3) by a matrix (4, 4)."""
-    return points @ placement[:3, :3].T + placement[:3, 3]
+def halved(quads: Array) -> Array:
+    """Return the triangles (2 N, 3, 3) of quadrilaterals (N, 4, 3)."""
+    return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
 
 
 def flat(x0: float, y0: float, x1: float, y1: float, z: float) -> Array:

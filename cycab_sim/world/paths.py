@@ -36,23 +36,20 @@ class Path:
         s = np.asarray(distance, dtype=np.float64)
         if self.is_closed:
             s = s % self.length
-        poses = np.empty((*s.shape, 4))
-        pose, begin = np.array(self.start), 0.0
-        for i, piece in enumerate(self.pieces):
-            is_last = i == len(self.pieces) - 1
-            here = (s >= begin) if i else np.ones(s.shape, bool)
-            along = s[here] - begin
-            inside = np.clip(along, 0.0, piece.length)
-            ends = arc(pose, inside, piece.curvature)
-            beyond = along - inside if is_last else np.minimum(along, 0.0)
-            ends[..., 0] += beyond * np.cos(ends[..., 2])
-            ends[..., 1] += beyond * np.sin(ends[..., 2])
-            poses[here] = np.concatenate([ends, np.full((*inside.shape, 1), piece.curvature)], axis=-1)
-            pose, begin = arc(pose, piece.length, piece.curvature), begin + piece.length
-        return poses
+        lengths, curvatures = np.array([(piece.length, piece.curvature) for piece in self.pieces]).T
+        starts, begins = [np.array(self.start)], np.concatenate([[0.0], np.cumsum(lengths[:-1])])
+        for piece in self.pieces[:-1]:
+            starts.append(arc(starts[-1], piece.length, piece.curvature))
+        here = np.maximum(np.searchsorted(begins, s, side="right") - 1, 0)
+        along, curvature = s - begins[here], curvatures[here]
+        inside = np.clip(along, 0.0, lengths[here])
+        ends = arc(np.array(starts)[here], inside, curvature)
+        ends[..., 0] += (along - inside) * np.cos(ends[..., 2])
+        ends[..., 1] += (along - inside) * np.sin(ends[..., 2])
+        return np.concatenate([ends, curvature[..., None]], axis=-1)
 
 
-def arc(pose: ArrayLike, length: ArrayLike, curvature: float) -> Array:
+def arc(pose: ArrayLike, length: ArrayLike, curvature: Array | float) -> Array:
     """Return the pose (..., 3) after driving `length` m (negative: backwards) on constant curvature: exact."""
     x, y, yaw = np.moveaxis(np.asarray(pose, dtype=np.float64), -1, 0)
     d = np.asarray(length, dtype=np.float64)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cycab_sim.params import SeasonParams
 from cycab_sim.world import finishes, furniture
-from cycab_sim.world.mesh import Mesh, MeshBuilder, joined, placed
+from cycab_sim.world.mesh import Mesh, MeshBuilder, joined
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array, Flags, Integers
 
@@ -36,7 +36,7 @@ def park(mesh: Mesh, seed: int, number: int) -> Mesh:
     for slot in mesh.slots:
         if rng.random() < OCCUPIED:
             turn = (np.pi if rng.random() < REVERSED else 0.0) + rng.normal(0.0, 0.02)
-            furniture.add_car(builder, slot @ placed(rng.uniform(-SHIFT, SHIFT), 0.0, turn), rng)
+            furniture.add_car(builder.within(slot).at(rng.uniform(-SHIFT, SHIFT), 0.0, turn), rng)
     left = _with_triangles(mesh, ~mesh.is_parked[mesh.surface_of])
     return joined([left, builder.build()]) if builder.num_surfaces else left
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.mesh import Finish, MeshBuilder, flat, moved
+from cycab_sim.world.mesh import Finish, MeshBuilder, flat
 from cycab_sim.world.texture import kernels as k
-from sphere_nav.geometry.arrays import Array
 
 HALF_ROAD = 3.75  # kerb to centre line, m
 PAVEMENT = 2.3  # kerb to wall, m
@@ -34,13 +33,12 @@ def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) ->
 
 def add_street(
     mesh: MeshBuilder,
-    at: Array,
     length: float,
     crossings: tuple[float, ...],
     rng: np.random.Generator,
     half: float = HALF_ROAD,
 ) -> None:
-    """Add marks, patches and covers; `at` places its start, x along the middle, crossings are at x = ... m.
+    """Add marks, patches and covers, x along the middle from the start on; crossings are at x = ... m.
 
     `half` is the distance from the middle to the kerb, m.
     """
@@ -50,33 +48,27 @@ def add_street(
     for x0, x1 in pieces:
         if x1 - x0 > 3.0:
             dashes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 3.0, 0.5))
-            mesh.panels(moved(flat(x0, -0.06, x1, 0.06, 0.006), at), dashes)
+            mesh.panels(flat(x0, -0.06, x1, 0.06, 0.006), dashes)
             gutter = Finish(k.PAVING, (0.30, 0.29, 0.27), (0.12, 0.11, 0.10), (0.17, 0.5, 0.3, 0.012, 0.0))
             for y in (-half, half - 0.3):
-                mesh.panels(moved(flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), at), gutter)
+                mesh.panels(flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), gutter)
     stripes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 1.0, 0.5))
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
-            corners = [
-                [x + 2.8, -half, 0.007],
-                [x + 2.8, half, 0.007],
-                [x, half, 0.007],
-                [x, -half, 0.007],
-            ]
-            mesh.panels(moved(np.array([corners]), at), stripes)
-    _add_patches(mesh, at, length, rng, half)
+            mesh.panels(np.roll(flat(x, -half, x + 2.8, half, 0.007), -1, axis=0), stripes)
+    _add_patches(mesh, length, rng, half)
 
 
-def _add_patches(mesh: MeshBuilder, at: Array, length: float, rng: np.random.Generator, half: float) -> None:
+def _add_patches(mesh: MeshBuilder, length: float, rng: np.random.Generator, half: float) -> None:
     """Add repaired asphalt, cobbled strips and covers."""
     for _ in range(int(length / 5.0)):
         x, y = rng.uniform(0.0, length), rng.uniform(-half + 0.4, half - 0.8)
         kind = rng.random()
         if kind < 0.55:
             a, b = rng.uniform(0.8, 4.0), min(rng.uniform(0.6, 2.5), half - 0.35 - y)
-            mesh.panels(moved(flat(x, y, x + a, y + b, 0.0015 + 0.002 * rng.random()), at), finishes.TAR)
+            mesh.panels(flat(x, y, x + a, y + b, 0.0015 + 0.002 * rng.random()), finishes.TAR)
         elif kind < 0.7:
-            mesh.panels(moved(flat(x, -half + 0.3, x + 1.2, half - 0.3, 0.0045), at), finishes.COBBLES)
+            mesh.panels(flat(x, -half + 0.3, x + 1.2, half - 0.3, 0.0045), finishes.COBBLES)
         else:
             cover = finishes.slats((0.10, 0.10, 0.105), 0.06)
-            mesh.panels(moved(flat(x, y, x + 0.7, y + 0.7, 0.0052), at), cover)
+            mesh.panels(flat(x, y, x + 0.7, y + 0.7, 0.0052), cover)

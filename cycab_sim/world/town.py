@@ -13,11 +13,10 @@ import numpy as np
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat, moved, placed
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
-from sphere_nav.geometry.arrays import Array
 
 Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 
@@ -86,9 +85,9 @@ def build_town(seed: int) -> tuple[Mesh, Plan]:
         furnish(mesh, block, rng)
     x0, y0, x1, y1 = plan.bounds
     for y in (0.0, plan.north):
-        add_street(mesh, placed(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0), rng)
+        add_street(mesh.at(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0), rng)
     for x in (0.0, plan.east):
-        add_street(mesh, placed(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0), rng)
+        add_street(mesh.at(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0), rng)
     _close_views(mesh, plan, rng)
     add_skyline(mesh, plan.bounds, rng)
     return mesh.build(), plan
@@ -100,104 +99,115 @@ def add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, si
     x0, y0, x1, y1 = (block[0] + west, block[1] + south, block[2] - east, block[3] - north)
     deep = 9.0
     mesh.panels(flat(x0, y0, x1, y1, 0.13), finishes.SOIL)
-    rows = (
-        (placed(x0, y0, 0.0), x1 - x0),
-        (placed(x1, y1, np.pi), x1 - x0),
-        (placed(x1, y0 + deep, np.pi / 2), y1 - y0 - 2 * deep),
-        (placed(x0, y1 - deep, -np.pi / 2), y1 - y0 - 2 * deep),
-    )
-    for at, length in rows:
-        add_row(mesh, at, length, deep, rng)
+    for side, length in _sides(mesh, (x0, y0, x1, y1), deep):
+        add_row(side, length, deep, rng)
     has_yard = min(x1 - x0, y1 - y0) > 2 * (deep + 2)
     for _ in range(3 if has_yard else 0):
         x, y = rng.uniform(x0 + deep + 2, x1 - deep - 2), rng.uniform(y0 + deep + 2, y1 - deep - 2)
-        furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28), 0.13), rng)
+        furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.13), rng)
 
 
-def add_row(mesh: MeshBuilder, at: Array, length: float, deep: float, rng: np.random.Generator) -> None:
+def _sides(mesh: MeshBuilder, block: Rectangle, corner: float = 0.0) -> list[tuple[MeshBuilder, float]]:
+    """Return the south, north, east and west side of a block: x along it, y inwards, and its length, m.
+
+    East and west end `corner` m before the corners of the block.
+    """
+    x0, y0, x1, y1 = block
+    width, depth = x1 - x0, y1 - y0 - 2 * corner
+    return [
+        (mesh.at(x0, y0, 0.0), width),
+        (mesh.at(x1, y1, np.pi), width),
+        (mesh.at(x1, y0 + corner, np.pi / 2), depth),
+        (mesh.at(x0, y1 - corner, -np.pi / 2), depth),
+    ]
+
+
+def add_row(mesh: MeshBuilder, length: float, deep: float, rng: np.random.Generator) -> None:
     """Fill a row of `length` m with houses; now and then a gate with a wall and a hedge."""
-    at = at @ placed(0.0, 0.0, 0.0, KERB_HEIGHT)
+    mesh = mesh.at(0.0, 0.0, 0.0, KERB_HEIGHT)
     x, is_first = 0.0, True
     while length - x > 4.0:
         width = min(rng.uniform(6.5, 12.0), length - x)
         width = length - x if length - x - width < 5.0 else width
         back = rng.uniform(0.0, 0.35)
         if not is_first and width < length - x and rng.random() < 0.14:
-            _add_garden(mesh, at @ placed(x, back, 0.0), width, rng)
+            _add_garden(mesh.at(x, back, 0.0), width, rng)
         else:
-            add_house(mesh, at @ placed(x, back, 0.0), width, deep - back, int(rng.integers(2, 5)), rng)
+            add_house(mesh.at(x, back, 0.0), width, deep - back, int(rng.integers(2, 5)), rng)
         x, is_first = x + width, False
 
 
-def _add_garden(mesh: MeshBuilder, at: Array, width: float, rng: np.random.Generator) -> None:
+def _add_garden(mesh: MeshBuilder, width: float, rng: np.random.Generator) -> None:
     """Add a garden wall with coping, a hedge behind it and a tree."""
-    mesh.box([0, 0, 0], [width, 0.3, 1.1], finishes.wall(rng), at)
-    mesh.box([-0.04, -0.06, 1.1], [width + 0.08, 0.42, 0.1], finishes.TRIM, at)
+    mesh.box([0, 0, 0], [width, 0.3, 1.1], finishes.wall(rng))
+    mesh.box([-0.04, -0.06, 1.1], [width + 0.08, 0.42, 0.1], finishes.TRIM)
     leaves = finishes.foliage(rng)
     for x in np.arange(0.8, width - 0.4, 0.9):
-        furniture.add_lump(mesh, moved(np.array([x, 1.0, 1.1]), at), rng.uniform(0.6, 0.85), leaves, rng)
-    furniture.add_tree(mesh, at @ placed(width / 2, 4.0, 0.0), rng)
+        furniture.add_lump(mesh, np.array([x, 1.0, 1.1]), rng.uniform(0.6, 0.85), leaves, rng)
+    furniture.add_tree(mesh.at(width / 2, 4.0, 0.0), rng)
 
 
 def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
     """Put cars along the kerbs of a block and lamps, signs, trees, boxes and benches on its pavement."""
-    x0, y0, x1, y1 = block
-    kerbs = (
-        (placed(x0, y0, 0.0), x1 - x0),
-        (placed(x1, y1, np.pi), x1 - x0),
-        (placed(x1, y0, np.pi / 2), y1 - y0),
-        (placed(x0, y1, -np.pi / 2), y1 - y0),
-    )
-    for (at, length), side in zip(kerbs, sides, strict=True):
+    for (kerb, length), side in zip(_sides(mesh, block), sides, strict=True):
         if side in "al":
             continue
         x = rng.uniform(6.0, 9.0)
         while x < length - 7.5 and side == "s":  # x along the kerb, y < 0 is the road
-            mesh.slots.append(at @ placed(x, -1.05, 0.0))
+            mesh.slots.append(kerb.at(x, -1.05).placement)
             if rng.random() < 0.55:
                 flip = np.pi if rng.random() < 0.3 else 0.0
-                mesh.is_clutter = mesh.is_parked = True
-                furniture.add_car(mesh, at @ placed(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
-                mesh.is_clutter = mesh.is_parked = False
+                furniture.add_car(kerb.clutter(is_parked=True).at(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
-            add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
+            add_on_pavement(kerb.at(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
 
 
-def add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
+def add_on_pavement(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     """Put one thing on the pavement: by the kerb (x along it, y away from the road) or by the wall."""
-    to_road = at @ placed(0.0, 0.35, -np.pi / 2)
     kind = rng.random()
     if kind < 0.22:
-        furniture.add_lamp(mesh, to_road, rng)
+        furniture.add_lamp(mesh.at(0.0, 0.35, -np.pi / 2), rng)
     elif kind < 0.40:
-        furniture.add_traffic_sign(mesh, at @ placed(0.0, 0.4, rng.normal(0.0, 0.1)), rng)
+        furniture.add_traffic_sign(mesh.at(0.0, 0.4, rng.normal(0.0, 0.1)), rng)
     elif kind < 0.55:
-        furniture.add_tree(mesh, at @ placed(0.0, 0.75, rng.uniform(0, 6.28)), rng)
+        furniture.add_tree(mesh.at(0.0, 0.75, rng.uniform(0, 6.28)), rng)
     elif kind < 0.70:
-        mesh.is_clutter = True
-        furniture.add_box(mesh, at @ placed(0.0, PAVEMENT - 0.65, -np.pi / 2), rng)
-        mesh.is_clutter = False
+        furniture.add_box(mesh.clutter().at(0.0, PAVEMENT - 0.65, -np.pi / 2), rng)
     elif kind < 0.80:
-        furniture.add_bench(mesh, at @ placed(0.0, PAVEMENT - 0.4, -np.pi / 2), rng)
+        furniture.add_bench(mesh.at(0.0, PAVEMENT - 0.4, -np.pi / 2), rng)
     else:
         for x in (0.0, 1.4, 2.8)[: int(rng.integers(1, 4))]:
-            furniture.add_bollard(mesh, at @ placed(x, 0.3, 0.0), rng)
+            furniture.add_bollard(mesh.at(x, 0.3, 0.0), rng)
+
+
+def street_ends(
+    mesh: MeshBuilder,
+    bounds: Rectangle,
+    off: float,
+    across: tuple[float, ...],
+    north: tuple[float, ...],
+    south: tuple[float, ...],
+) -> list[MeshBuilder]:
+    """Return places `off` m beyond the bounds of a town at the ends of its streets, x to the right, y outwards.
+
+    Streets run along x at y = `across`, and along y, to the `north` and to the `south`, at these x, m.
+    """
+    x0, y0, x1, y1 = bounds
+    east_west = [(x, y, yaw) for x, yaw in ((x1 + off, -np.pi / 2), (x0 - off, np.pi / 2)) for y in across]
+    ends = [*east_west, *((x, y1 + off, 0.0) for x in north), *((x, y0 - off, np.pi) for x in south)]
+    return [mesh.at(*end) for end in ends]
 
 
 def _close_views(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> None:
     """Close most street ends by a house across, the others by two rows of trees."""
-    x0, y0, x1, y1 = plan.bounds
-    ends = [placed(x1 + 9, y, -np.pi / 2) for y in (0.0, plan.north)] + [
-        placed(x0 - 9, y, np.pi / 2) for y in (0.0, plan.north)
-    ]
-    ends += [placed(x, y1 + 9, 0.0) for x in (0.0, plan.east)] + [placed(x, y0 - 9, np.pi) for x in (0.0, plan.east)]
-    for at in ends:
+    across, along = (0.0, plan.north), (0.0, plan.east)
+    for end in street_ends(mesh, plan.bounds, 9.0, across, along, along):
         if rng.random() < 0.6:
-            add_house(mesh, at @ placed(-9.0, 0.0, 0.0), 18.0, 8.0, int(rng.integers(3, 6)), rng)
+            add_house(end.at(-9.0, 0.0), 18.0, 8.0, int(rng.integers(3, 6)), rng)
         else:
             for x, y in ((-5, 0), (5, 0), (-5, 8), (5, 8), (-6, 17), (6, 17), (0, 26)):
-                furniture.add_tree(mesh, at @ placed(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)), rng)
+                furniture.add_tree(end.at(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)), rng)
 
 
 def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) -> None:
@@ -210,4 +220,4 @@ def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) 
         w, d, height = rng.uniform(12, 26), rng.uniform(10, 18), rng.uniform(12, 38)
         color = finishes.pick(rng, finishes.PLASTERS)
         front = Finish(k.FACADE, color, (0.10, 0.11, 0.12), (0.12, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
-        mesh.box([-w / 2, -d / 2, 0.0], [w, d, height], front, placed(x, y, angle + rng.normal(0, 0.3)))
+        mesh.at(x, y, angle + rng.normal(0, 0.3)).box([-w / 2, -d / 2, 0.0], [w, d, height], front)

@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.city import BOUNDS, build_city, tour
-from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, flat, placed
+from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, flat
 from cycab_sim.world.paths import Path, Piece
 from cycab_sim.world.town import build_town, taught_path
 from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
@@ -49,8 +49,7 @@ class GroundProfile:
         rear, front, left, right = self.height(T_world_planar.apply(np.array(wheels, dtype=np.float64))[:, 0])
         pitch, roll = -np.arctan2(front - rear, wheelbase), np.arctan2(left - right, track)
         lift = SE3.from_parts(np.eye(3), [0.0, 0.0, float(rear)])
-        tilt = SE3.exp([0, 0, 0, 0, pitch, 0]) @ SE3.exp([0, 0, 0, roll, 0, 0])
-        return lift @ T_world_planar @ tilt
+        return lift @ T_world_planar @ SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -167,11 +166,11 @@ def _build_ramp(seed: int) -> Mesh:
         x = -36.0
         while x < 150.0:
             width = rng.uniform(6.5, 10.0)
-            at = placed(x, 6.0, 0.0) if side == 0.0 else placed(x + width, -6.0, np.pi)
-            add_house(mesh, at, width, 8.0, int(rng.integers(2, 5)), rng)
+            front = mesh.at(x, 6.0) if side == 0.0 else mesh.at(x + width, -6.0, np.pi)
+            add_house(front, width, 8.0, int(rng.integers(2, 5)), rng)
             if rng.random() < 0.5:
                 y = 4.6 if side == 0.0 else -4.6
-                furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28), 0.1), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.1), rng)
             x += width + (rng.uniform(2.0, 5.0) if rng.random() < 0.3 else 0.0)
     for x in (-42.0, 156.0):
         mesh.box([x, -9.0, 0.0], [6.0, 18.0, 9.0], finishes.wall(rng))

@@ -78,7 +78,7 @@ class SE3:
         omega = so3.log(self.rotation)
         if omega.ndim == 1:
             return np.concatenate([so3.inverse_left_jacobian_times(omega, self.translation), omega])
-        v = np.linalg.solve(so3.left_jacobian(omega), self.translation[..., None])[..., 0]
+        v = np.linalg.solve(so3.exp_and_left_jacobian(omega)[1], self.translation[..., None])[..., 0]
         return np.concatenate([v, omega], axis=-1)
 
     @property

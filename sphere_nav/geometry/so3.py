@@ -30,14 +30,8 @@ def exp(rotation_vector: ArrayLike) -> Array:
     return rotation
 
 
-def left_jacobian(rotation_vector: ArrayLike) -> Array:
-    """Return V (..., 3, 3), the integral of exp(s omega) for s from 0 to 1; SE(3) translations are V v."""
-    _, jacobian = exp_and_left_jacobian(rotation_vector)
-    return jacobian
-
-
 def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
-    """Return `exp` and `left_jacobian` together, which share all of their work."""
+    """Return `exp` and V (..., 3, 3), the integral of exp(s omega) for s from 0 to 1; SE(3) translations are V v."""
     omega = np.asarray(rotation_vector, dtype=np.float64)
     if omega.ndim == 1:
         return _exp_of_one(*omega.tolist())

@@ -20,7 +20,6 @@ WRITING = set("wax")
 # Who may, and why: file and call.
 ALLOWED = {
     ("cycab_sim/rendering/embree.py", "MAPS.read_text"): "of the kernel",
-    ("cycab_sim/sensors/rigs.py", "Path(path).read_text"): "a file that it has just written",
     ("mcl_depth/likeness/encoder.py", "np.load"): "weights: arrays alone, of a bounded size",
     ("sphere_nav/geometry/files/encoded.py", "np.fromfile"): "in a process of its own, with limits",
     ("sphere_nav/geometry/files/isolated.py", "Path(folder, 'refusal').read_text"): "what its own process has written",

@@ -10,8 +10,8 @@ from cycab_sim.world.town import draw_plan, taught_path
 STEP = 0.04  # s
 
 
-def drive(name, params):
-    path = taught_path(draw_plan(3), name)
+def test_the_driver_stays_on_the_path_is_gentle_and_stops_at_its_end():
+    params, path = TeachParams(), taught_path(draw_plan(3), "two_turns")
     driver = PurePursuitDriver(path, params, 1)
     x, y, yaw, _ = path.at(np.array(0.0))
     vehicle = Vehicle(VehicleState(x, y, yaw), CarParams(), ActuatorParams())
@@ -20,13 +20,6 @@ def drive(name, params):
         vehicle.step(driver.command(vehicle.state), STEP)
         states.append(vehicle.state)
         assert len(states) < 20000
-    return path, states
-
-
-@pytest.mark.slow
-def test_the_driver_stays_on_the_path_and_stops_at_its_end():
-    params = TeachParams()
-    path, states = drive("two_turns", params)
     points = path.at(np.arange(0.0, path.length, 0.005))[:, :2]
     offsets, _ = cKDTree(points).query([(state.x, state.y) for state in states[::3]])
     # what it wanders, and the cutting of corners by its look-ahead: 1.2^2 / (8 * 5 m) = 0.04 m
@@ -34,11 +27,6 @@ def test_the_driver_stays_on_the_path_and_stops_at_its_end():
     assert np.mean(offsets) > 0.005  # a human, not a rail
     end = path.at(np.array(path.length))
     assert np.hypot(states[-1].x - end[0], states[-1].y - end[1]) < 0.15
-
-
-def test_the_drive_is_gentle():
-    params = TeachParams()
-    _, states = drive("two_turns", params)
     speed = np.array([state.speed for state in states])
     yaw_rate = np.diff([state.yaw for state in states]) / STEP
     change = np.diff(speed) / STEP

@@ -39,36 +39,33 @@ def hashed(i, j, k, seed):
 
 
 @njit(cache=True)
-def noise2(x, y, seed):
-    """Value noise in [-1, 1] on the plane, cell size 1."""
+def _layer(x, y, code):
+    """Blend the four 16-bit values around a point of the plane of `code`."""
     left, low = math.floor(x), math.floor(y)
     s, t = x - left, y - low
     s, t = s * s * (3.0 - 2.0 * s), t * t * (3.0 - 2.0 * t)
-    i, j, k = int(left) * STEP_I, int(low) * STEP_J, seed * STEP_SEED
-    right, high = i + STEP_I, (j + STEP_J) ^ k
-    j = j ^ k
+    i, j = int(left) * STEP_I, int(low) * STEP_J
+    right, high = i + STEP_I, (j + STEP_J) ^ code
+    j = j ^ code
     a, c = _mix(i ^ j), _mix(i ^ high)
     below = a + s * (_mix(right ^ j) - a)
     above = c + s * (_mix(right ^ high) - c)
-    return UNIT * (below + t * (above - below)) - 1.0
+    return below + t * (above - below)
+
+
+@njit(cache=True)
+def noise2(x, y, seed):
+    """Value noise in [-1, 1] on the plane, cell size 1."""
+    return UNIT * _layer(x, y, seed * STEP_SEED) - 1.0
 
 
 @njit(cache=True)
 def noise3(x, y, z, seed):
     """Value noise in [-1, 1] in space, cell size 1."""
-    left, low, near = math.floor(x), math.floor(y), math.floor(z)
-    s, t, r = x - left, y - low, z - near
-    s, t, r = s * s * (3.0 - 2.0 * s), t * t * (3.0 - 2.0 * t), r * r * (3.0 - 2.0 * r)
-    i, j, k = int(left) * STEP_I, int(low) * STEP_J, int(near) * STEP_K
-    right, high = i + STEP_I, j + STEP_J
-    total = 0.0
-    for layer in range(2):
-        code = (k + layer * STEP_K) ^ (seed * STEP_SEED)
-        a, c = _mix(i ^ j ^ code), _mix(i ^ high ^ code)
-        below = a + s * (_mix(right ^ j ^ code) - a)
-        above = c + s * (_mix(right ^ high ^ code) - c)
-        total += (below + t * (above - below)) * (r if layer else 1.0 - r)
-    return UNIT * total - 1.0
+    near, code = math.floor(z), seed * STEP_SEED
+    r, k = z - near, int(near) * STEP_K
+    r = r * r * (3.0 - 2.0 * r)
+    return UNIT * (_layer(x, y, k ^ code) * (1.0 - r) + _layer(x, y, (k + STEP_K) ^ code) * r) - 1.0
 
 
 @njit(cache=True)

@@ -14,6 +14,7 @@ METAL, MARKING, SOIL, BARK, FOLIAGE, SLATS, FACADE = 9, 10, 11, 12, 13, 14, 15
 SIZES = (5.0, 4.0, 4.0, 4.5, 4.0, 1.6, 4.0, 1.5, 1.0, 1.6, 2.0, 4.0, 1.0, 1.0, 1.2, 12.0)  # m, of the coarsest octave
 GAIN = 0.99  # every octave has nearly the same contrast
 SKY_SIZE, SKY_GAIN, SKY_SEED = 1.3, 0.72, 7001
+SKY_COLORS = (0.22, 0.42, 0.92), (0.38, 0.34, 0.93), (0.70, 0.14, 0.95)  # red, green, blue: overhead, horizon, clouds
 VANISHED = 1e3  # a footprint that leaves no octave
 
 
@@ -148,28 +149,29 @@ def appearance(material, u, v, w, foot, p, seed, rough):
 
     `rough` is the sum of octaves at the point, from 1 m or more down to the footprint.
     """
+    place = u, v, foot, p, seed, rough
     if material == ASPHALT:
-        return _asphalt(u, v, foot, p, seed, rough)
+        return _asphalt(*place)
     if material in (PAVING, BRICK, STONE):
-        return _blocks(u, v, foot, p, seed, rough)
+        return _blocks(*place)
     if material == PLASTER:
-        return _plaster(u, v, foot, p, seed, rough)
+        return _plaster(*place)
     if material == WINDOW:
-        return _window(u, v, foot, p, seed, rough)
+        return _window(*place)
     if material == ROOF:
-        return _roof(u, v, foot, p, seed, rough)
+        return _roof(*place)
     if material == WOOD:
-        return _wood(u, v, foot, p, seed, rough)
+        return _wood(*place)
     if material == SIGN:
-        return _sign(u, v, foot, p, seed, rough)
+        return _sign(*place)
     if material == METAL:
-        return _metal(u, v, foot, p, seed, rough)
+        return _metal(*place)
     if material == MARKING:
-        return _marking(u, v, foot, p, seed, rough)
+        return _marking(*place)
     if material == SLATS:
-        return _slats(u, v, foot, p, seed, rough)
+        return _slats(*place)
     if material == FACADE:
-        return _facade(u, v, foot, p, seed, rough)
+        return _facade(*place)
     if material == SOIL:
         return 1.0 + p[0] * rough, min(1.0, max(0.0, 0.5 + 0.35 * rough))
     return _solid(material, u, v, w, foot, p, seed)
@@ -251,6 +253,6 @@ def _sky(z, rough, color, n):
     shade = 0.85 + 0.2 * cover
     cover = min(1.0, max(0.0, cover)) * min(1.0, 0.3 + 4.0 * up)
     pale = math.exp(-3.5 * up)
-    color[n, 0] = (0.22 + 0.42 * pale) * (1.0 - cover) + 0.92 * shade * cover
-    color[n, 1] = (0.38 + 0.34 * pale) * (1.0 - cover) + 0.93 * shade * cover
-    color[n, 2] = (0.70 + 0.14 * pale) * (1.0 - cover) + 0.95 * shade * cover
+    for c in range(3):
+        clear, horizon, cloud = SKY_COLORS[c]
+        color[n, c] = (clear + horizon * pale) * (1.0 - cover) + cloud * shade * cover

@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed, upright
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, halved, placed, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -57,7 +57,7 @@ class Figure:
 
 def make_car(rng: np.random.Generator) -> Figure:
     """Return a car, as those that are parked."""
-    return Figure((RigidPart(_built(rng, add_car, np.eye(4), rng), base=2.5),), 2.2, 0.9)
+    return Figure((RigidPart(_built(rng, add_car, rng), base=2.5),), 2.2, 0.9)
 
 
 def make_tram(rng: np.random.Generator) -> Figure:
@@ -70,12 +70,12 @@ def make_tram(rng: np.random.Generator) -> Figure:
 def make_pedestrian(rng: np.random.Generator) -> Figure:
     """Return somebody who walks."""
     tall = rng.uniform(0.92, 1.07)
-    cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
+    cloth, trousers, skin = _dressed(rng)
     hip, shoulder, phase, wave = 0.88 * tall, 1.42 * tall, rng.uniform(0.0, 6.28), 2 * np.pi / STRIDE
     has_bag = rng.random() < 0.4
 
     def body(mesh: MeshBuilder) -> None:
-        _add_body(mesh, np.eye(4), tall, cloth, trousers, skin, rng)
+        _add_body(mesh, tall, cloth, trousers, skin, rng)
         if has_bag:
             mesh.box([-0.32, -0.15, 1.02 * tall], [0.18, 0.3, 0.42], _cloth(finishes.pick(rng, CLOTHES)))
 
@@ -92,7 +92,7 @@ def make_pedestrian(rng: np.random.Generator) -> Figure:
 def make_cyclist(rng: np.random.Generator) -> Figure:
     """Return somebody on a bicycle whose wheels turn."""
     paint = finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
-    cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
+    cloth, trousers, skin = _dressed(rng)
 
     def frame(mesh: MeshBuilder) -> None:
         for low, size in (
@@ -101,8 +101,8 @@ def make_cyclist(rng: np.random.Generator) -> Figure:
             ([0.40, -0.26, 1.02], [0.04, 0.52, 0.04]), ([-0.27, -0.09, 0.92], [0.26, 0.18, 0.06]),
         ):  # fmt: skip
             mesh.box(low, size, paint)
-        lean = placed(-0.12, 0.0, 0.0, 0.08) @ _pitch(0.35, (0.0, 0.0, 0.88))
-        _add_body(mesh, lean, 1.0, cloth, trousers, skin, rng)
+        lean = mesh.at(-0.12, 0.0, 0.0, 0.08).within(_pitch(0.35, (0.0, 0.0, 0.88)))
+        _add_body(lean, 1.0, cloth, trousers, skin, rng)
         for side in (-1.0, 1.0):
             mesh.box([0.08, 0.22 * side - 0.05, 1.06], [0.36, 0.09, 0.09], cloth)
 
@@ -124,6 +124,11 @@ def _built(rng: np.random.Generator, add: Callable[..., None], *arguments: Any) 
     return mesh.build()
 
 
+def _dressed(rng: np.random.Generator) -> list[Finish]:
+    """Return somebody's jacket, trousers and skin."""
+    return [_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS)]
+
+
 def _cloth(color: Color) -> Finish:
     return Finish(k.SOIL, color, finishes.darker(color, 0.55), (0.16,))
 
@@ -136,30 +141,30 @@ def _pitch(angle: float, pivot: tuple[float, float, float]) -> Array:
 
 
 def _add_body(
-    mesh: MeshBuilder, at: Array, tall: float, cloth: Finish, trousers: Finish, skin: Finish, rng: np.random.Generator
+    mesh: MeshBuilder, tall: float, cloth: Finish, trousers: Finish, skin: Finish, rng: np.random.Generator
 ) -> None:
     """Add hips, chest, neck, head and hair."""
     h = tall
-    add_frustum(mesh, at, (-0.11, 0.11, 0.16, 0.84 * h), (-0.11, 0.11, 0.15, 1.0 * h), trousers)
-    add_frustum(mesh, at, (-0.12, 0.12, 0.16, 0.98 * h), (-0.12, 0.13, 0.22, 1.38 * h), cloth)
-    add_frustum(mesh, at, (-0.12, 0.13, 0.22, 1.38 * h), (-0.06, 0.06, 0.08, 1.47 * h), cloth)
-    add_prism(mesh, at @ placed(0.01, 0.0, 0.0, 1.45 * h), 0.055, 0.09, skin, is_solid=True)
-    add_frustum(mesh, at, (-0.08, 0.09, 0.06, 1.51 * h), (-0.10, 0.10, 0.085, 1.62 * h), skin)
+    add_frustum(mesh, (-0.11, 0.11, 0.16, 0.84 * h), (-0.11, 0.11, 0.15, 1.0 * h), trousers)
+    add_frustum(mesh, (-0.12, 0.12, 0.16, 0.98 * h), (-0.12, 0.13, 0.22, 1.38 * h), cloth)
+    add_frustum(mesh, (-0.12, 0.13, 0.22, 1.38 * h), (-0.06, 0.06, 0.08, 1.47 * h), cloth)
+    add_prism(mesh.at(0.01, 0.0, 0.0, 1.45 * h), 0.055, 0.09, skin, is_solid=True)
+    add_frustum(mesh, (-0.08, 0.09, 0.06, 1.51 * h), (-0.10, 0.10, 0.085, 1.62 * h), skin)
     hair = _cloth(finishes.pick(rng, HAIR))
-    add_frustum(mesh, at, (-0.105, 0.10, 0.09, 1.62 * h), (-0.07, 0.05, 0.06, 1.72 * h), hair)
-    mesh.box([-0.115, -0.08, 1.52 * h], [0.06, 0.16, 0.12], hair, at)
+    add_frustum(mesh, (-0.105, 0.10, 0.09, 1.62 * h), (-0.07, 0.05, 0.06, 1.72 * h), hair)
+    mesh.box([-0.115, -0.08, 1.52 * h], [0.06, 0.16, 0.12], hair)
 
 
 def _add_leg(mesh: MeshBuilder, y: float, hip: float, trousers: Finish, length: float = 0.0) -> None:
     """Add a leg with its shoe; `length` m from the hip to the ground, to the very ground without one."""
     foot = hip - length if length else 0.0
-    add_frustum(mesh, np.eye(4), (-0.05, 0.06, 0.06, foot + 0.08), (-0.08, 0.09, 0.085, hip), trousers, y)
+    add_frustum(mesh, (-0.05, 0.06, 0.06, foot + 0.08), (-0.08, 0.09, 0.085, hip), trousers, y)
     mesh.box([-0.08, y - 0.05, foot], [0.25, 0.1, 0.09], _cloth((0.05, 0.045, 0.04)))
 
 
 def _add_arm(mesh: MeshBuilder, y: float, shoulder: float, tall: float, cloth: Finish, skin: Finish) -> None:
     low = shoulder - 0.56 * tall
-    add_frustum(mesh, np.eye(4), (-0.04, 0.05, 0.04, low), (-0.06, 0.06, 0.055, shoulder), cloth, y)
+    add_frustum(mesh, (-0.04, 0.05, 0.04, low), (-0.06, 0.06, 0.055, shoulder), cloth, y)
     mesh.box([-0.035, y - 0.035, low - 0.11], [0.08, 0.07, 0.12], skin)
 
 
@@ -175,10 +180,10 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
         for a, s, b, t in ((outer, -off, outer, off), (inner, off, inner, -off), (outer, off, inner, off),
                            (inner, -off, outer, -off))
     ]  # fmt: skip
-    mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, center)
+    mesh.solid(halved(np.concatenate(quads)), finishes.RUBBER, center)
     for turn in np.arange(4) * np.pi / 4:
-        at = _pitch(turn, (x, 0.0, WHEEL))
-        mesh.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL, at)
+        spoke = mesh.within(_pitch(turn, (x, 0.0, WHEEL)))
+        spoke.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL)
 
 
 def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Generator) -> None:
@@ -186,17 +191,17 @@ def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Gen
     front, back = SECTION / 2, -SECTION / 2
     body, glass = finishes.painted_metal(color, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
     nose, tail = (0.5 if place < 0 else 0.0), (0.5 if place > 0 else 0.0)
-    add_frustum(mesh, np.eye(4), (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
+    add_frustum(mesh, (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
     x = np.arange(back, front - 1.0, 1.1)
     for side in (-1.0, 1.0):
         for left in x:
             y, ends = 1.2 * side, (left, left + 1.1) if side < 0 else (left + 1.1, left)
             mesh.panels(upright(*ends, 1.0, 2.5, y), glass)
-    add_frustum(mesh, np.eye(4), (back, front, 1.19, 1.0), (back + tail, front - nose, 1.19, 2.55), glass)
-    add_frustum(mesh, np.eye(4), (back + tail, front - nose, 1.2, 2.5), (back + tail, front - nose, 1.1, 3.1), body)
+    add_frustum(mesh, (back, front, 1.19, 1.0), (back + tail, front - nose, 1.19, 2.55), glass)
+    add_frustum(mesh, (back + tail, front - nose, 1.2, 2.5), (back + tail, front - nose, 1.1, 3.1), body)
     mesh.box([-1.2, -0.7, 3.1], [2.2, 1.4, 0.25], finishes.METAL)
-    for at in (-2.2, 2.2):
+    for axle in (-2.2, 2.2):
         for y in (-0.95, 0.75):
-            add_wheel(mesh, placed(at, y, 0.0, 0.31))
+            add_wheel(mesh.at(axle, y, 0.0, 0.31))
     if place < 1:  # the bellows towards the next section
         mesh.box([back - GAP, -1.05, 0.4], [GAP, 2.1, 2.5], Finish(k.SLATS, (0.05, 0.05, 0.055), params=(0.14, 0.5)))

@@ -72,10 +72,11 @@ def town_loops(plan: Plan) -> tuple[Loop, ...]:
     across = [_inset((zebra, y - over, e - zebra, y + over), 0.0) for y in (0.0, n)]
     across += [_inset((x - over, zebra, x + over, n - zebra), 0.0) for x in (0.0, e)]
     return (
-        *(replace(loop, has_rails=i == 0) for i, loop in enumerate(_loops("road", roads, 6.0))),
+        *_loops("road", roads[:1], 6.0, has_rails=True),
+        *_loops("road", roads[1:], 6.0),
         *_loops("cycle", cycles, 3.4),
         *_loops("walk", walks, 0.8, KERB_HEIGHT),
-        *(replace(loop, is_crossing=True) for loop in _loops("walk", across, 0.8, KERB_HEIGHT)),
+        *_loops("walk", across, 0.8, KERB_HEIGHT, is_crossing=True),
     )
 
 
@@ -98,7 +99,7 @@ def city_loops() -> tuple[Loop, ...]:
     walks = [_inset(area, d)[:: 1 if i % 2 else -1] for i, (area, d) in enumerate(areas)]
     return (
         *_loops("road", roads, 6.0),
-        *(replace(loop, has_rails=True) for loop in _loops("road", [list(city.TRAM)], city.TRAM_RADIUS)),
+        *_loops("road", [list(city.TRAM)], city.TRAM_RADIUS, has_rails=True),
         *_loops("cycle", along, 6.0 - (b - a)),
         *_loops("cycle", cycles, 4.0),
         *_loops("walk", walks[: len(blocks)], 0.8, KERB_HEIGHT),
@@ -138,10 +139,12 @@ def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
     return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
 
 
-def _loops(kind: str, corners: list[list[tuple[float, float]]], radius: float, z: float = 0.0) -> list[Loop]:
+def _loops(
+    kind: str, corners: list[list[tuple[float, float]]], radius: float, z: float = 0.0, **more: bool
+) -> list[Loop]:
     paths = [rounded(np.array(some), radius) for some in corners]
     counts = [round(path.length / SPACING) for path in paths]
-    return [Loop(kind, p.at(np.arange(c) * p.length / c)[:, :2], z) for p, c in zip(paths, counts, strict=True)]
+    return [Loop(kind, p.at(np.arange(c) * p.length / c)[:, :2], z, **more) for p, c in zip(paths, counts, strict=True)]
 
 
 def _inset(block: tuple[float, float, float, float], d: float) -> list[tuple[float, float]]:

@@ -13,6 +13,14 @@ from sphere_nav.geometry.arrays import TINY, Array, Flags
 from sphere_nav.geometry.cameras.camera import Focal, inside
 
 
+def from_sphere(xy: Array, z: Array | float, xi: float) -> Array:
+    """Return the unit rays (..., 3) that a centre `xi` behind that of the unit sphere sees in directions (xy, z)."""
+    r2 = np.sum(xy * xy, axis=-1)
+    with np.errstate(invalid="ignore"):
+        scale = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
+    return np.concatenate([scale[..., None] * xy, (scale * z - xi)[..., None]], axis=-1)
+
+
 @dataclass(frozen=True)
 class DoubleSphere(Focal):
     """Optical frame: z forward, x right, y down; wide fisheyes in closed form.
@@ -66,9 +74,7 @@ class DoubleSphere(Focal):
     def unproject(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3); NaN where the model has no ray."""
         m = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
-        r2 = np.sum(m * m, axis=-1)
-        a, xi = self.alpha, self.xi
+        r2, a = np.sum(m * m, axis=-1), self.alpha
         with np.errstate(invalid="ignore"):
             mz = (1 - a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * r2) + 1 - a)
-            scale = (mz * xi + np.sqrt(mz * mz + (1 - xi * xi) * r2)) / (mz * mz + r2)
-        return np.concatenate([scale[..., None] * m, (scale * mz - xi)[..., None]], axis=-1)
+        return from_sphere(m, mz, self.xi)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import Focal
+from sphere_nav.geometry.cameras.double_sphere import from_sphere
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 
 MAX_XI = 1e3  # a mirror's is 1 at most, a fisheye's 1 to 3
@@ -74,9 +75,4 @@ class Omni(Focal):
     def unproject(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3); NaN where the model has no ray."""
         ray = self._plane.unproject(pixels)
-        xy = ray[..., :2] / ray[..., 2:]
-        r2 = np.sum(xy * xy, axis=-1)
-        with np.errstate(invalid="ignore"):
-            scale = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * r2)) / (1.0 + r2)
-        rays: Array = np.concatenate([scale[..., None] * xy, (scale - self.xi)[..., None]], axis=-1)
-        return rays
+        return from_sphere(ray[..., :2] / ray[..., 2:], 1.0, self.xi)

@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, refuse_model
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, refuse_model
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, read_as, read_text, required
 from sphere_nav.geometry.se3 import SE3
 
@@ -69,12 +72,12 @@ def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
     if kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
     fields = ("fx", "fy", "cx", "cy", *FURTHER[kind])
-    given = required(lens.intrinsics, f"{where}.intrinsics", fields)
-    fx, fy, cx, cy, *more = (given[field] for field in fields)
-    found = ForeignLens(size, fx, fy, cx, cy, f"{where}.intrinsics")
+    given = [required(lens.intrinsics, f"{where}.intrinsics", fields)[field] for field in fields]
+    plane, more = given[:4], given[4:]
+    model: tuple[Any, ...] = (Fisheye if kind == "kb4" else Pinhole), tuple(more)
     if kind in ("ds", "ucm"):
-        return found.double_sphere(*[0.0, *more][-2:])  # a unified camera is one whose two spheres coincide
-    return found.fisheye(tuple(more)) if kind == "kb4" else found.pinhole(tuple(more))
+        model = DoubleSphere, *[0.0, *more][-2:]  # a unified camera is one whose two spheres coincide
+    return camera_at(f"{where}.intrinsics", size, plane, *model)
 
 
 def _place(pose: Mapping[str, float], where: str) -> SE3:

@@ -13,9 +13,22 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model, vector
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.omni import Omni
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, image_size, refuse_model
 from sphere_nav.geometry.files.opencv_file import without_directive
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short, told_at
+from sphere_nav.geometry.files.untrusted import (
+    MAX_FILE_BYTES,
+    load_yaml,
+    numbers,
+    pose,
+    read_text,
+    required,
+    short,
+    told_at,
+)
 from sphere_nav.geometry.se3 import SE3
 
 
@@ -89,16 +102,13 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     is_known = isinstance(distortion, str) and distortion in NUM_DISTORTION
     if not is_known or (model != "pinhole" and distortion != "none" and (model, distortion) != ("omni", "radtan")):
         raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
-    numbers = vector(entry, "intrinsics", name, NUM_INTRINSICS[model])
-    k = vector(entry, "distortion_coeffs", name, NUM_DISTORTION[distortion])
+    given = numbers(entry["intrinsics"], f"{name}.intrinsics", NUM_INTRINSICS[model])
+    k = numbers(entry.get("distortion_coeffs") or [], f"{name}.distortion_coeffs", NUM_DISTORTION[distortion])
     size = image_size(entry["resolution"], f"{name}.resolution")
-    fu, fv, pu, pv = numbers[-4:]
-    lens = ForeignLens(size, fu, fv, pu, pv, f"{name}.intrinsics")
-    if model == "ds":
-        return lens.double_sphere(*numbers[:2])
-    if model == "omni":
-        return lens.omni(numbers[0], k)
-    return lens.fisheye(k) if distortion == "equidistant" else lens.pinhole(k)
+    lens: tuple[Any, ...] = (Fisheye if distortion == "equidistant" else Pinhole), k
+    if model != "pinhole":
+        lens = (DoubleSphere, *given[:2]) if model == "ds" else (Omni, given[0], k)
+    return camera_at(f"{name}.intrinsics", size, given[-4:], *lens)
 
 
 def _by_imu(name: str, entry: Mapping[str, Any]) -> SE3 | None:

@@ -15,8 +15,10 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import NAME
-from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, refuse_model
+from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, refuse_model
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
     ROTATION_TOLERANCE,
@@ -136,14 +138,14 @@ def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str
         raise ValueError(f"{key}: expected [fx 0 cx; 0 fy cy; 0 0 1], found {short(K.tolist())}")
     found = next((values[name + suffix] for name in DISTORTIONS if name + suffix in values), None)
     k = () if found is None else tuple(float(value) for value in _matrix(found, f"distortion{suffix}").ravel())
-    lens = ForeignLens(image_size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], key)
+    plane = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     if model == "fisheye":
-        return lens.fisheye(k)
+        return camera_at(key, image_size, plane, Fisheye, k)
     if len(k) not in NUM_PINHOLE:
         raise ValueError(f"distortion{suffix}: expected 4, 5, 8, 12 or 14 numbers, found {len(k)}")
     if any(k[8:]):
         raise refuse_model("thin prism or tilted sensor", f"distortion{suffix}", "k1 k2 p1 p2 k3 k4 k5 k6")
-    return lens.pinhole(k[:8])
+    return camera_at(key, image_size, plane, Pinhole, k[:8])
 
 
 def _matrix(found: Any, where: str) -> Array:

@@ -78,16 +78,21 @@ def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> No
     path = Path(path)
     if path.exists() and not is_overwriting:
         raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
+    write_whole(path, rig_text(rig, path.parent))
+
+
+def rig_text(rig: Rig, folder: Path = Path()) -> str:
+    """Return the text of a rig's file in a folder."""
     values = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "name": rig.name,
         "version": rig.version,
         "num_cameras": len(rig.cameras),
-        "cameras": {part.name: _camera_values(part, path.parent) for part in rig.cameras},
+        "cameras": {part.name: _camera_values(part, folder) for part in rig.cameras},
     }
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=math.inf, allow_unicode=True)
-    write_whole(path, HEADER + text)
+    text: str = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=math.inf, allow_unicode=True)
+    return HEADER + text
 
 
 def _rig(values: Mapping[str, Any], folder: Path) -> Rig:

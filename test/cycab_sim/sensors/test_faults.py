@@ -11,7 +11,7 @@ def test_a_fault_is_in_force_for_its_duration_and_without_times_from_now_until_c
     times = [1.9, 2.0, 4.9, 5.0]
     assert [faults.magnitude("camera", "noise", int(t * SECOND)) for t in times] == [None, 5.0, 5.0, None]
     assert faults.magnitude("sphere", "noise", 3 * SECOND) is None
-    assert faults.active(6 * SECOND) == []
+    assert faults.described(6 * SECOND) == []
     faults = Faults()
     faults.add("odom", "slip", 0.3, 0.0, 0.0, now_ns=7 * SECOND)
     assert faults.magnitude("odom", "slip", 6 * SECOND) is None

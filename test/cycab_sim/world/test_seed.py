@@ -19,12 +19,12 @@ PLAN = town.draw_plan(5)
 SECOND = 1_000_000_000
 
 
-def drawn(add: Callable[..., None], *given, seeds=range(4)) -> Mesh:
-    """Return what one function adds for each of some seeds."""
+def drawn(add: Callable[..., None], *given, seeds=range(4), at=None) -> Mesh:
+    """Return what one function adds for each of some seeds, at a placement."""
     meshes = []
     for seed in seeds:
         mesh = MeshBuilder(np.random.default_rng(seed))
-        add(mesh, *given, np.random.default_rng(seed))
+        add(mesh if at is None else mesh.within(at), *given, np.random.default_rng(seed))
         meshes.append(mesh.build())
     return joined(meshes)
 
@@ -38,7 +38,7 @@ def block() -> Mesh:
     for sides in ("ssss", "qsal"):
         town.add_houses(mesh, BLOCK, rng, sides)
         town.furnish(mesh, BLOCK, rng, sides)
-    street.add_street(mesh, placed(0.0, 0.0, 0.3), 80.0, (20.0, 60.0), rng)
+    street.add_street(mesh.at(0.0, 0.0, 0.3), 80.0, (20.0, 60.0), rng)
     town.add_skyline(mesh, BLOCK, rng)
     return mesh.build()
 
@@ -70,11 +70,11 @@ def paths() -> list[object]:
 
 
 THINGS = {
-    **{kind: lambda kind=kind: [drawn(getattr(furniture, f"add_{kind}"), AT)]
+    **{kind: lambda kind=kind: [drawn(getattr(furniture, f"add_{kind}"), at=AT)]
        for kind in ("car", "lamp", "traffic_sign", "bollard", "box", "bench", "tree", "monument", "kiosk")},
-    "hedge": lambda: [drawn(furniture.add_hedge, AT, 2.0)],
-    "house": lambda: [drawn(building.add_house, AT, 9.0, 8.0, 3, seeds=range(8))],
-    "row": lambda: [drawn(town.add_row, AT, 60.0, 9.0)],
+    "hedge": lambda: [drawn(furniture.add_hedge, 2.0, at=AT)],
+    "house": lambda: [drawn(building.add_house, 9.0, 8.0, 3, seeds=range(8), at=AT)],
+    "row": lambda: [drawn(town.add_row, 60.0, 9.0, at=AT)],
     "block": lambda: [block()],
     "square": lambda: [drawn(city._add_square, seeds=range(1))],
     "rails and views": lambda: [drawn(lambda mesh, _: city._add_rails(mesh)), drawn(city._close_views, seeds=[0])],

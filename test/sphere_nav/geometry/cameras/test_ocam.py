@@ -33,11 +33,15 @@ def test_where_the_polynomial_folds_back_no_pixel_has_a_ray():
     assert not camera.project([0.0, 0.0, -1.0])[1]
 
 
-def test_without_xi_it_is_a_pinhole_and_without_distortion_a_unified_camera():
+def test_it_is_a_pinhole_that_looks_at_a_sphere_and_without_distortion_a_unified_camera():
     points, k = np.random.default_rng(0).normal(size=(500, 3)), (-0.2, 0.05, 1e-3, -5e-4, 0.01)
-    pinhole, omni = Pinhole(640, 480, 300.0, 290.0, 319.5, 239.5, k), Omni(640, 480, 300.0, 290.0, 319.5, 239.5, 0.0, k)
-    np.testing.assert_array_equal(omni.project(points)[1], pinhole.project(points)[1])
-    np.testing.assert_allclose(omni.project(points)[0], pinhole.project(points)[0], atol=1e-9)
+    pinhole = Pinhole(640, 480, 300.0, 290.0, 319.5, 239.5, k)
+    for xi in (0.0, 0.9):
+        omni = Omni(640, 480, 300.0, 290.0, 319.5, 239.5, xi, k)
+        shifted = points + xi * np.linalg.norm(points, axis=1, keepdims=True) * [0, 0, 1]  # Mei's x / (z + xi d)
+        is_near = points[:, 2] > 0.0
+        np.testing.assert_array_equal(omni.project(points)[1][is_near], pinhole.project(shifted)[1][is_near])
+        np.testing.assert_allclose(omni.project(points)[0][is_near], pinhole.project(shifted)[0][is_near], atol=1e-9)
     unified = DoubleSphere(640, 480, 300.0 / 1.8, 290.0 / 1.8, 319.5, 239.5, 0.0, 0.8 / 1.8)
     found, seen = Omni(640, 480, 300.0, 290.0, 319.5, 239.5, 0.8).project(points)
     np.testing.assert_array_equal(seen, unified.project(points)[1])

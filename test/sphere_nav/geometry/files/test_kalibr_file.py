@@ -77,18 +77,7 @@ def test_kalibrs_omni_is_meis_camera(path):
     for distortion in [(), (-0.27, 0.11, -1e-3, 2e-3)]:
         words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
         path.write_text(CAMCHAIN_OMNI.format(*words))
-        camera = read_kalibr(path).cameras[0]
-        assert (type(camera), camera.distortion) == (Omni, distortion)
-        points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), size=(50, 3))
-        x, y = points[:, :2].T / (points[:, 2] + 0.9 * np.linalg.norm(points, axis=1))  # Mei's x / (z + xi d)
-        k1, k2, p1, p2 = distortion or (0.0, 0.0, 0.0, 0.0)
-        r2 = x * x + y * y
-        radial = 1 + k1 * r2 + k2 * r2**2
-        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        is_near = r2 < 0.5
-        expected = np.column_stack([833.0 * u + 373.0, 830.0 * v + 253.0])[is_near]
-        np.testing.assert_allclose(camera.project(points[is_near])[0], expected, atol=1e-9)
+        assert read_kalibr(path).cameras == (Omni(752, 480, 833.0, 830.0, 373.0, 253.0, 0.9, distortion),)
 
 
 def put(name, field, value):
