@@ -35,23 +35,22 @@ ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 
 
 @njit(**OPTIONS)
-def _ends(line, i, wraps, share, floor):
-    """Say whether the surface ends behind pixel i of a row or column of nearness (N,)."""
-    last = line.size - 1
-    if i == last and not wraps:
-        return False
-    before, after = line[i - 1] if wraps or i > 0 else line[i], line[i + 1] if i < last else line[0]
-    beyond = line[i + 2] if i + 2 <= last else (line[i + 1 - last] if wraps else after)
-    return is_edge(before, line[i], after, beyond, share, floor)
-
-
-@njit(**OPTIONS)
 def find_breaks(nearness, wraps, share, floor, breaks):
     """Mark in breaks (H, W) u8 where the surface ends to the right (1) and below (2) of a pixel of nearness (H, W)."""
-    for v in range(nearness.shape[0]):
-        for u in range(nearness.shape[1]):
-            right, below = _ends(nearness[v], u, wraps, share, floor), _ends(nearness[:, u], v, False, share, floor)
-            breaks[v, u] = (1 if right else 0) + (2 if below else 0)
+    height, width = nearness.shape
+    for v in range(height):
+        for u in range(width):
+            a, found = nearness[v, u], 0
+            if wraps or u + 1 < width:
+                left = nearness[v, u - 1] if wraps or u > 0 else a
+                right, next_right = nearness[v, (u + 1) % width], nearness[v, (u + 2) % width]
+                next_right = next_right if wraps or u + 2 < width else right
+                found += 1 if is_edge(left, a, right, next_right, share, floor) else 0
+            if v + 1 < height:
+                above, below = nearness[max(v - 1, 0), u], nearness[v + 1, u]
+                next_below = nearness[min(v + 2, height - 1), u]
+                found += 2 if is_edge(above, a, below, next_below, share, floor) else 0
+            breaks[v, u] = found
 
 
 @njit(**OPTIONS)
@@ -108,48 +107,54 @@ def cut_quads(nearness, breaks, wraps, largest, share, floor, quads):
 def project_corners(points, T, camera, placed):
     """Project points (3, N) f32 m into an image: placed (N, 3) = u, v, nearness to the camera; NaN where not seen."""
     number = points.shape[1]
-    d, r, nothing = np.empty(BLOCK, np.float32), np.empty(SCRATCH, np.float32), np.float32(np.nan)
+    d, r = np.empty(BLOCK, np.float32), np.empty(SCRATCH, np.float32)
+    nothing = np.float32(np.nan)
     for first in range(0, number, SIDE):
         here = min(SIDE, number - first)
         for i in range(SIDE):
             k = first + i if i < here else first
             d[PX + i], d[PY + i], d[PZ + i] = points[0, k], points[1, k], points[2, k]
         transform(T, d, r)
-        for i in range(SIDE):  # rows X, Y, Z are the projection's to overwrite
-            d[PX + i] = r[X + i] * r[X + i] + r[Y + i] * r[Y + i] + r[Z + i] * r[Z + i]
+        distance2 = np.empty(SIDE, np.float32)  # rows X, Y, Z are the projection's to overwrite
+        for i in range(SIDE):
+            distance2[i] = r[X + i] * r[X + i] + r[Y + i] * r[Y + i] + r[Z + i] * r[Z + i]
         project(camera[0], camera[1], r)
         for i in range(here):
-            seen = r[SEEN + i] > ZERO and d[PX + i] > ZERO
+            seen = r[SEEN + i] > ZERO and distance2[i] > ZERO
             placed[first + i, 0] = r[U + i] if seen else nothing
             placed[first + i, 1] = r[V + i] if seen else nothing
-            placed[first + i, 2] = ONE / np.float32(math.sqrt(d[PX + i])) if seen else nothing
+            placed[first + i, 2] = ONE / np.float32(math.sqrt(distance2[i])) if seen else nothing
 
 
 @njit(**OPTIONS)
-def _draw(quad, second, wraps, nearness, source):
-    """Draw a triangle seen from its front, corner 0 of a quad (4, 5), corner `second` and the next one.
-
-    A corner is u, v in the drawing, nearness, and the place (u, v) in the sphere's image times nearness.
-    """
+def _draw(x, y, q, u, v, wraps, nearness, source):
+    """Draw one triangle seen from its front: nearness and, in perspective, the place (u, v) in the sphere's image."""
     height, width = nearness.shape
-    (x0, y0, q0, u0, v0), (x1, y1, q1, u1, v1), (x2, y2, q2, u2, v2) = quad[0], quad[second], quad[second + 1]
-    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
     if not area > MIN_AREA:  # seen from behind, or not at all
         return
-    first_row, last_row = max(math.ceil(min(y0, y1, y2)), 0), min(math.floor(max(y0, y1, y2)), height - 1)
-    first, last = math.ceil(min(x0, x1, x2)), math.floor(max(x0, x1, x2))
+    top, bottom = min(y[0], y[1], y[2]), max(y[0], y[1], y[2])
+    left, right = min(x[0], x[1], x[2]), max(x[0], x[1], x[2])
+    first_row, last_row = max(math.ceil(top), 0), min(math.floor(bottom), height - 1)
+    first, last = math.ceil(left), math.floor(right)
     if not wraps:
         first, last = max(first, 0), min(last, width - 1)
-    b_x, b_y, c_x, c_y = (y2 - y0) / area, (x0 - x2) / area, (y0 - y1) / area, (x1 - x0) / area
+    by_area = ONE / area
+    b_x, b_y = (y[2] - y[0]) * by_area, (x[0] - x[2]) * by_area
+    c_x, c_y = (y[0] - y[1]) * by_area, (x[1] - x[0]) * by_area
+    u0, u1, u2 = u[0] * q[0], u[1] * q[1], u[2] * q[2]
+    v0, v1, v2 = v[0] * q[0], v[1] * q[1], v[2] * q[2]
     for row in range(first_row, last_row + 1):
-        dy = np.float32(row) - y0
+        dy = np.float32(row) - y[0]
         for column in range(first, last + 1):
-            dx = np.float32(column) - x0
+            dx = np.float32(column) - x[0]
             b, c = b_x * dx + b_y * dy, c_x * dx + c_y * dy
             a = ONE - b - c
-            here = a * q0 + b * q1 + c * q2
+            if a < -EDGE or b < -EDGE or c < -EDGE:
+                continue
+            here = a * q[0] + b * q[1] + c * q[2]
             at = column % width if wraps else column
-            if min(a, b, c) >= -EDGE and here > nearness[row, at]:
+            if here > nearness[row, at]:
                 nearness[row, at] = here
                 source[row, at, 0] = (a * u0 + b * u1 + c * u2) / here
                 source[row, at, 1] = (a * v0 + b * v1 + c * v2) / here
@@ -158,31 +163,36 @@ def _draw(quad, second, wraps, nearness, source):
 @njit(**OPTIONS)
 def draw_quads(corners, placed, pixels, sphere_width, wraps, nearness, source):
     """Draw all quads (Q, 4) into nearness (H, W), 0 at first, and source (H, W, 2); `wraps`: columns of the drawing."""
-    quad = np.empty((4, 5), np.float32)
-    x, y = quad[:, 0], quad[:, 1]
-    span, turn, width = np.float32(MAX_SPAN), np.float32(sphere_width), np.float32(nearness.shape[1])
-    bottom_edge, right_edge = np.float32(nearness.shape[0]), np.float32(np.inf) if wraps else width
+    height, width = nearness.shape
+    x, y, q = np.empty(3, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
+    u, v = np.empty(3, np.float32), np.empty(3, np.float32)
+    span, turn = np.float32(MAX_SPAN), np.float32(sphere_width)
+    low, right_edge, bottom_edge = -HALF, np.float32(width), np.float32(height)
     for k in range(corners.shape[0]):
-        for i in range(4):
-            x[i], y[i] = placed[corners[k, i], 0], placed[corners[k, i], 1]
-        if not abs(x[0] + x[1] + x[2] + x[3]) >= ZERO:  # NaN: a corner is not seen
+        a, b, c, d = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
+        xa, xb, xc, xd = placed[a, 0], placed[b, 0], placed[c, 0], placed[d, 0]
+        if not abs(xa + xb + xc + xd) >= ZERO:  # NaN: a corner is not seen
             continue
-        if wraps and max(x[0], x[1], x[2], x[3]) - min(x[0], x[1], x[2], x[3]) > HALF * width:
-            for i in range(4):
-                x[i] += width if x[i] < HALF * width else ZERO
-        left, right = min(x[0], x[1], x[2], x[3]), max(x[0], x[1], x[2], x[3])
-        top, bottom = min(y[0], y[1], y[2], y[3]), max(y[0], y[1], y[2], y[3])
-        if max(right - left, bottom - top) > span or bottom < -HALF or top > bottom_edge:
+        if wraps and max(xa, xb, xc, xd) - min(xa, xb, xc, xd) > HALF * width:
+            xa, xb = (xa + width if xa < HALF * width else xa), (xb + width if xb < HALF * width else xb)
+            xc, xd = (xc + width if xc < HALF * width else xc), (xd + width if xd < HALF * width else xd)
+        left, right = min(xa, xb, xc, xd), max(xa, xb, xc, xd)
+        ya, yb, yc, yd = placed[a, 1], placed[b, 1], placed[c, 1], placed[d, 1]
+        top, bottom = min(ya, yb, yc, yd), max(ya, yb, yc, yd)
+        if bottom < low or top > bottom_edge or right - left > span or bottom - top > span:
             continue
-        if left > right_edge or (right < -HALF and not wraps):
+        if not wraps and (right < low or left > right_edge):
             continue
         if math.ceil(top) > math.floor(bottom) or math.ceil(left) > math.floor(right):  # between pixels
             continue
-        for a, b in ((0, 1), (3, 2)):  # left, right
-            u, beside = pixels[corners[k, a], 1], pixels[corners[k, b], 1]
-            quad[a, 3], quad[b, 3] = u, beside + (turn if beside < u else ZERO)
-        for i in range(4):
-            q = placed[corners[k, i], 2]
-            quad[i, 2], quad[i, 3], quad[i, 4] = q, q * quad[i, 3], q * pixels[corners[k, i], 0]
-        _draw(quad, 1, wraps, nearness, source)
-        _draw(quad, 2, wraps, nearness, source)
+        ua, ub, uc, ud = pixels[a, 1], pixels[b, 1], pixels[c, 1], pixels[d, 1]
+        ub, uc = (ub + turn if ub < ua else ub), (uc + turn if uc < ud else uc)
+        va, vb, vc, vd = pixels[a, 0], pixels[b, 0], pixels[c, 0], pixels[d, 0]
+        x[0], x[1], x[2], y[0], y[1], y[2] = xa, xb, xc, ya, yb, yc
+        q[0], q[1], q[2] = placed[a, 2], placed[b, 2], placed[c, 2]
+        u[0], u[1], u[2], v[0], v[1], v[2] = ua, ub, uc, va, vb, vc
+        _draw(x, y, q, u, v, wraps, nearness, source)
+        x[1], x[2], y[1], y[2] = xc, xd, yc, yd
+        q[1], q[2] = placed[c, 2], placed[d, 2]
+        u[1], u[2], v[1], v[2] = uc, ud, vc, vd
+        _draw(x, y, q, u, v, wraps, nearness, source)

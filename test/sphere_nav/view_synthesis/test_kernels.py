@@ -44,6 +44,15 @@ def test_quads_cover_what_has_no_break_once(rng):
         assert quads[:, 2].max() == 8
 
 
+def test_a_plane_makes_large_quads_and_waves_small_ones():
+    v, u = np.mgrid[0:17, 0:17]
+    for nearness, sizes in [(0.5 + 0.01 * u + 0.02 * v, {8}), (0.5 + 0.01 * np.sin(u + v), {1})]:
+        quads = np.empty((nearness.size, 3), np.int32)
+        breaks = np.zeros(nearness.shape, np.uint8)
+        count = kernels.cut_quads(nearness.astype(F), breaks, False, 8, F(0.003), F(5e-4), quads)
+        assert set(quads[:count, 2].tolist()) == sizes
+
+
 def test_corners_are_projected_as_the_camera_says(rng):
     lens = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5)
     for camera in (lens, Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0), Spherical(128, 64)):
