@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -183,11 +184,8 @@ def render(sphere_map: Map, camera: CameraModel, T_map_camera: SE3) -> Synthesiz
     """
     _expect(sphere_map, Map, "render: map", "open_map(path)")
     _expect(camera, CAMERAS, "render: camera", "Camera.from_fx(...)")
-    scene = Scene(sphere_map)
-    try:
+    with closing(Scene(sphere_map)) as scene:
         return scene.render(_expect(T_map_camera, SE3, "render: pose", "an SE3"), camera)
-    finally:
-        scene.close()
 
 
 def localize_bag(sphere_map: str | Path, bag: str | Path, **options: Any) -> Trajectory:

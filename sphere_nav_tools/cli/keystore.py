@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.shared_files import share_file
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.up import parse
 
 HELP = """\
@@ -32,9 +33,9 @@ FIND_SROS2 = "ros2 security: expected the tools of the package sros2 (apt instal
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("folder", metavar="FOLDER", help="keystore; what is in it already is kept")
-    parser.add_argument("name", metavar="NAME", choices=tuple(COMPOSITIONS), help="what is to be started")
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT:=VALUE", help="the same as of sphere_nav up NAME")
+    add(parser, "folder", "FOLDER", "keystore; what is in it already is kept")
+    add(parser, "name", "NAME", "what is to be started", choices=tuple(COMPOSITIONS))
+    add(parser, "arguments", "ARGUMENT:=VALUE", "the same as of sphere_nav up NAME", nargs="*")
 
 
 def run(arguments: argparse.Namespace) -> int:

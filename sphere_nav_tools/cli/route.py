@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav.geometry.files.untrusted import number
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers
 
 HELP = """\
@@ -40,54 +40,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of each word."""
     words = parser.add_subparsers(dest="word", required=True, metavar="build|name|show|plan|export")
     build = words.add_parser("build", help="make the network of drives")
-    build.add_argument("map", type=Path, metavar="MAP", help="map of the drives; or the .geojson file to write")
-    build.add_argument("drives", type=Path, nargs="+", metavar="DRIVE", help="taught paths, the first begins at `home`")
-    build.add_argument("--reversible", action="store_true", help="all edges may be driven backwards, too")
-    build.add_argument("--dry-run", action="store_true", help="show what would be made, write nothing but the plot")
+    add(build, "map", "MAP", "map of the drives; or the .geojson file to write", Path)
+    add(build, "drives", "DRIVE", "taught paths, the first begins at `home`", Path, nargs="+")
+    flag(build, "--reversible", "all edges may be driven backwards, too")
+    flag(build, "--dry-run", "show what would be made, write nothing but the plot")
     add_overwrite(build)
     name = words.add_parser("name", help="give a name to a place")
-    name.add_argument("name", metavar="NAME", help="of the place")
+    add(name, "name", "NAME", "of the place")
     _add_network(name)
-    name.add_argument(
+    add(
+        name,
         "--at",
-        type=numbers("X,Y or X,Y,YAW", 2, 3),
+        "X,Y[,YAW]",
+        "m, m and deg in the map; of several lanes the one that heads so",
+        numbers("X,Y or X,Y,YAW", 2, 3),
         required=True,
-        metavar="X,Y[,YAW]",
-        help="m, m and deg in the map; of several lanes the one that heads so",
     )
     _add_network(words.add_parser("show", help="tell what is in a network"))
     way = words.add_parser("plan", help="tell the way between two places")
     _add_network(way)
-    way.add_argument("start", metavar="FROM", help="place")
-    way.add_argument("goal", metavar="TO", help="place")
+    add(way, "start", "FROM", "place")
+    add(way, "goal", "TO", "place")
     export = words.add_parser("export", help="write the network, or a way on it")
     _add_network(export)
     export.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".geojson or .csv")
-    export.add_argument("--from", dest="start", metavar="PLACE", help=".csv: begin of the way")
-    export.add_argument("--to", dest="goal", metavar="PLACE", help=".csv: end of the way")
+    add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
+    add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
     for word in (way, export):
-        word.add_argument("--closed", default="", metavar="N,N", help="edges that are not driven")
-        word.add_argument("--cruise", type=float, default=1.4, metavar="M/S", help="largest speed (%(default)s)")
+        add(word, "--closed", "N,N", "edges that are not driven", default="")
+        add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
     for word in (build, words.choices["show"], way):
-        word.add_argument("--plot", type=Path, metavar="FILE", help=f"picture to write ({', '.join(ENDINGS)})")
+        add(word, "--plot", "FILE", f"picture to write ({', '.join(ENDINGS)})", Path)
 
 
 def _add_network(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("network", type=Path, metavar="NETWORK", help="a map that has one, or a .geojson file")
+    add(parser, "network", "NETWORK", "a map that has one, or a .geojson file", Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry out one word."""
-    words: dict[str, Callable[[argparse.Namespace], int]] = {
-        "build": make_network,
-        "name": name_place,
-        "show": show,
-        "plan": plan_way,
-        "export": export,
-    }
     if getattr(arguments, "plot", None) is not None:
         check_ending(arguments.plot, ENDINGS)
-    return words[arguments.word](arguments)
+    return WORDS[arguments.word](arguments)
 
 
 def make_network(arguments: argparse.Namespace) -> int:
@@ -184,3 +178,6 @@ def _plot(arguments: argparse.Namespace, network: Network, route: Route | None =
 
         routes.draw_network(arguments.plot, network, route)
         print(f"{arguments.plot}: drawn")
+
+
+WORDS = {"build": make_network, "name": name_place, "show": show, "plan": plan_way, "export": export}

@@ -12,6 +12,7 @@ from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.geojson import Datum, geojson
 from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
@@ -38,15 +39,16 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
-    parser.add_argument("--step", type=int, default=4, help="clouds: every how many rows and columns (%(default)s)")
-    parser.add_argument("--max-range", type=float, default=50.0, metavar="M", help="clouds: farther is left out")
-    parser.add_argument(
+    add(parser, "--step", "STEP", "clouds: every how many rows and columns (%(default)s)", int, default=4)
+    add(parser, "--max-range", "M", "clouds: farther is left out", float, default=50.0)
+    add(
+        parser,
         "--datum",
-        type=Datum.parse,
-        metavar="lat,lon,heading",
-        help=".geojson: where the map begins, and its x axis from north, deg",
+        "lat,lon,heading",
+        ".geojson: where the map begins, and its x axis from north, deg",
+        Datum.parse,
     )
 
 

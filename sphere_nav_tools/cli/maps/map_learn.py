@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dense_localizer.params import DenseLocalizerParams
 from sphere_nav.params import build
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.lessons import learn_map
 from sphere_nav_tools.offline.settings import add_settings
 
@@ -25,7 +26,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
     add_settings(parser, "dense_localizer")
 
 
