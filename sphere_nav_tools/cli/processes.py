@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import yaml
 
+from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav.ros.shared_files import node_entry
 
@@ -33,6 +34,19 @@ def python_command(code: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
 
 
+def ros_arguments(start: NodeStart, file: Path) -> list[str]:
+    """Return the words after a node's name; its parameters go into a file, the site's before it."""
+    values = {"/**": {"ros__parameters": dict(start.parameters)}}
+    file.write_text(yaml.safe_dump(values), encoding="utf-8")
+    words = ["--ros-args", *(["-r", f"__ns:=/{start.namespace}"] if start.namespace else [])]
+    words += ["--enclave", start.enclave] if start.enclave else []
+    for topic, target in start.topics.items():
+        words += ["-r", f"{topic}:={target}"]
+    for parameters in (start.site, str(file)):
+        words += ["--params-file", parameters] if parameters else []
+    return words
+
+
 class Processes:
     """Starts processes, and ends them all when it is left; what they print goes to a folder, or where ours goes."""
 
@@ -40,19 +54,15 @@ class Processes:
         """In a domain, seen by this machine alone; None: as this process is."""
         own = {"ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self.folder, self._is_kept = folder or Path(), folder is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
         self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
-        parameters = self.folder / f"{node}.yaml"
-        parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        self.begin(node, node_command(node, "--ros-args", "--params-file", str(parameters)))
-
-    def run(self, name: str, code: str, *words: str) -> None:
-        """Run Python code as a process."""
-        self.begin(name, python_command(code, *words))
+        words = ros_arguments(NodeStart(node, values), self.folder / f"{node}.yaml")
+        self.begin(node, node_command(node, *words))
 
     def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
         """Start a process, and return it."""
@@ -113,5 +123,9 @@ class Processes:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """End what still runs."""
+        self.close()
+
+    def close(self) -> None:
+        """End what still runs; nothing can be started any more."""
         self.end()
         self._starter.shutdown()

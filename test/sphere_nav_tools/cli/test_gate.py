@@ -8,7 +8,7 @@ import pytest
 
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE
-from sphere_nav_tools.cli.gate import Gate, link_to, make_server, token_for
+from sphere_nav_tools.cli.gate import Address, Gate, link_to, make_server, token_for
 
 TOKEN = "a token of the yard"
 LINK = "/a%20token%20of%20the%20yard"
@@ -127,7 +127,7 @@ def test_a_printed_link_leads_to_the_machine(monkeypatch):
 @pytest.fixture(scope="module")
 def served():
     pytest.importorskip("viser", reason="optional: pip install viser")
-    server = make_server("operate", "127.0.0.1", 8990, TOKEN)
+    server = make_server(Address("operate", "127.0.0.1", 8990, TOKEN))
     server.gui.add_button("start")
     yield server
     server.stop()
@@ -205,8 +205,8 @@ def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):
     viser = pytest.importorskip("viser")
 
     class Open:
-        def __init__(self, **_):
-            self.has_ended = False
+        def __init__(self, *_, **__):
+            pass
 
         def stop(self):
             ends.append(self)
@@ -214,5 +214,5 @@ def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):
     ends = []
     monkeypatch.setattr(viser, "ViserServer", Open)
     with pytest.raises(ValueError, match="operate: expected a viser that websockets serves"):
-        make_server("operate", "127.0.0.1", 8991, TOKEN)
+        make_server(Address("operate", "127.0.0.1", 8991, TOKEN))
     assert len(ends) == 1

@@ -34,8 +34,7 @@ from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.shared_files import share_file
 from sphere_nav_tools.cli.keystore import policy_of
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.processes import node_command
-from sphere_nav_tools.cli.up import ros_arguments
+from sphere_nav_tools.cli.processes import node_command, ros_arguments
 from worlds.patience import Patience, wait_until
 from worlds.rig import vertical_rig
 
