@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "FILE", "rig file to write")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Detect, calibrate, write rig and report."""
     boards = _boards(arguments)
     check_free(arguments, arguments.output)
@@ -62,12 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
     for name, row in report["cameras"].items():
         held_out = row["held_out_rms_px"]
         print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")
-    unseen = [f"{board.name}: seen in no image" for board in boards if board.name not in {v.board for v in views}]
-    for line in (
-        [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + wrong_size + found.warnings
-    ):
+    dropped = [f"left out {name}: {why}" for name, why in found.dropped.items()]
+    unseen = {board.name for board in boards} - {view.board for view in views}
+    for line in (*dropped, *(f"{name}: seen in no image" for name in sorted(unseen)), *wrong_size, *found.warnings):
         print(f"warning: {line}")
-    return 0
 
 
 def _boards(arguments: argparse.Namespace) -> tuple[Board, ...]:

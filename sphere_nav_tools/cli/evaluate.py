@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--poses-topic", "TOPIC", f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Pair, align, measure; print a table; write JSON and plot where asked."""
     estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
     truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
@@ -89,4 +89,3 @@ def run(arguments: argparse.Namespace) -> int:
         from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
         plot_figure.draw_localization(arguments.plot, estimate, judged, [])
-    return 0

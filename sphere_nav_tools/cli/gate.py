@@ -31,7 +31,6 @@ from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import (
     GUESS_S,
     MAX_GUESSES,
-    MAX_HEAD,
     MAX_KNOWN,
     MAX_OUTSIDE,
     MAX_VISITORS,
@@ -54,6 +53,11 @@ class Address(NamedTuple):
     host: str
     port: int
     token: str
+
+    def link(self, port: int) -> str:
+        """Return the link to the page at a port; served at all addresses, it has the name of this machine."""
+        name = socket.gethostname() if self.host in ANYWHERE else bracketed(self.host)
+        return f"http://{name}:{port}/{quote(self.token, safe='')}"
 
 
 class Gate:
@@ -140,12 +144,6 @@ def network_of(address: str) -> str:
     return str(ipaddress.ip_network((address.partition("%")[0], 64 if ":" in address else 32), strict=False))
 
 
-def link_to(host: str, port: int, token: str) -> str:
-    """Return the link to a page; served at all addresses, it has the name of this machine."""
-    name = socket.gethostname() if host in ANYWHERE else bracketed(host)
-    return f"http://{name}:{port}/{quote(token, safe='')}"
-
-
 def add_options(parser: argparse.ArgumentParser, port: int) -> None:
     """Declare where a page is served, and its token."""
     add(parser, "--host", "HOST", "address to serve at (%(default)s: this machine only)", default="127.0.0.1")
@@ -202,7 +200,7 @@ class WebPage:
     @property
     def url(self) -> str:
         """The link that leads to it."""
-        return link_to(self._address.host, int(self.server.get_port()), self._address.token)
+        return self._address.link(int(self.server.get_port()))
 
     def close(self) -> None:
         """End the page and the threads of its browsers."""
@@ -249,22 +247,15 @@ def is_of_interest(record: logging.LogRecord) -> bool:
 
 
 def doorway(base: Any) -> Any:
-    """Return a kind of connection that keeps little while it is not admitted; of too many such, the oldest goes."""
+    """Return a kind of connection of which, while it is not admitted, there are a few only: the oldest goes."""
 
     class Doorway(base):
-        is_admitted, heard = False, 0
+        is_admitted = False
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
             outside = [one for one in self.server.handlers if not (one.is_admitted or one.transport.is_closing())]
             if len(outside) > MAX_OUTSIDE:
                 outside[0].transport.abort()
-
-        def data_received(self, data: bytes) -> None:
-            self.heard += len(data)
-            if self.is_admitted or self.heard <= MAX_HEAD:
-                super().data_received(data)
-            else:
-                self.transport.abort()
 
     return Doorway

@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(tum, "--depth-units", "N", "depth units per m (%(default)s)", float, default=5000.0)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the bag."""
     recording = READERS[arguments.format](arguments)
     indices = range(len(recording.instants))[arguments.frames]
@@ -103,7 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
-    return 0
 
 
 def _seven_scenes(given: argparse.Namespace) -> Recording:

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "arguments", "ARGUMENT:=VALUE", "the same as of sphere_nav up NAME", nargs="*")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Have `ros2 security` make the keys; ValueError where it cannot."""
     starts = COMPOSITIONS[arguments.name].starts(parse(arguments.arguments))
     ros2 = shutil.which("ros2")
@@ -50,10 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
         command = [ros2, "security", "generate_artifacts", "-k", arguments.folder, "-p", str(file)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, umask=0o077)  # keys are ours alone
     if done.returncode:
-        said = (done.stdout + done.stderr).split("\n")
-        raise ValueError(f"{FIND_SROS2}, found: {next((line for line in reversed(said) if line), 'no word of it')}")
+        said = (done.stdout + done.stderr).rstrip().rpartition("\n")[2]
+        raise ValueError(f"{FIND_SROS2}, found: {said or 'no word of it'}")
     print(f"{arguments.folder}: keys for domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
-    return 0
 
 
 def policy_of(starts: Sequence[NodeStart]) -> ElementTree.ElementTree[ElementTree.Element]:

@@ -1,6 +1,7 @@
-"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments) -> int`.
+"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments)`.
 
-Exit status: 0 done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130 interrupted.
+`run` returns the exit status: 0 or None done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130
+interrupted.
 """
 
 from __future__ import annotations

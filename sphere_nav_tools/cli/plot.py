@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--map", "MAP", "the map it was localised in: show its experiences", Path)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read, measure, draw; 1 if there is neither a pose nor a status."""
     output = arguments.output
     check_ending(output, ENDINGS)
@@ -74,4 +74,3 @@ def run(arguments: argparse.Namespace) -> int:
     told = [*describe_states(statuses), *plot_figure.describe_experiences(served)]
     told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
-    return 0

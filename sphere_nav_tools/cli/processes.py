@@ -95,14 +95,13 @@ class Processes:
         """Return the last line that a process printed, empty where it said nothing."""
         with (self.folder / f"{name}.log").open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - TAIL))
-            lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+            said = log.read().decode("utf-8", "replace").replace("\r", "\n")
+        return said.rstrip().rpartition("\n")[2].strip()
 
     def stop(self, name: str) -> int:
         """End a process as Ctrl-C would, by force if it does not; return its status."""
         process = self.running.pop(name)
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
         try:
             return process.wait(END_PATIENCE_S)
         except subprocess.TimeoutExpired:

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "FILE", "rig file to write")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read, tell what was found, write."""
     found = read_foreign_cameras(
         arguments.files,
@@ -70,7 +70,6 @@ def run(arguments: argparse.Namespace) -> int:
         ahead = part.T_rig_camera.rotation[:, 2]
         yaw, pitch = np.degrees([math.atan2(ahead[1], ahead[0]), math.asin(float(np.clip(ahead[2], -1.0, 1.0)))])
         print(f"{part.name}: {part.camera.model} at {position} m, looks {yaw:.1f}° to the left, {pitch:.1f}° up")
-    return 0
 
 
 def _with_options(rig: Rig, arguments: argparse.Namespace) -> Rig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,14 +78,21 @@ def _add_network(parser: argparse.ArgumentParser) -> None:
     add(parser, "network", "NETWORK", "a map that has one, or a .geojson file", Path)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int | None:
     """Carry out one word."""
     if getattr(arguments, "plot", None) is not None:
         check_ending(arguments.plot, ENDINGS)
-    return WORDS[arguments.word](arguments)
+    words: dict[str, Callable[[argparse.Namespace], int | None]] = {
+        "build": make_network,
+        "name": name_place,
+        "show": show,
+        "plan": plan_way,
+        "export": export,
+    }
+    return words[arguments.word](arguments)
 
 
-def make_network(arguments: argparse.Namespace) -> int:
+def make_network(arguments: argparse.Namespace) -> None:
     """Make, show, and keep a network."""
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
@@ -102,10 +110,9 @@ def make_network(arguments: argparse.Namespace) -> int:
     else:
         write_network(output, network)
         print(f"{output}: written")
-    return 0
 
 
-def name_place(arguments: argparse.Namespace) -> int:
+def name_place(arguments: argparse.Namespace) -> None:
     """Name a place."""
     from sphere_nav_tools.offline import routes
 
@@ -118,17 +125,15 @@ def name_place(arguments: argparse.Namespace) -> int:
     print(
         f"{path}: {arguments.name} is node {node.id} at {node.pose.x:.2f}, {node.pose.y:.2f}, heading {heading:.0f} deg"
     )
-    return 0
 
 
-def show(arguments: argparse.Namespace) -> int:
+def show(arguments: argparse.Namespace) -> None:
     """Tell what is in a network."""
     from sphere_nav_tools.offline import routes
 
     network = read_network(network_path(arguments.network))
     print("\n".join(routes.describe(network)))
     _plot(arguments, network)
-    return 0
 
 
 def plan_way(arguments: argparse.Namespace) -> int:
@@ -148,20 +153,19 @@ def plan_way(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def export(arguments: argparse.Namespace) -> int:
+def export(arguments: argparse.Namespace) -> None:
     """Write a network, or a way on it."""
     network, output = read_network(network_path(arguments.network)), arguments.output
     if output.suffix == ".geojson":
         output.write_text(to_geojson(network, is_dense=False), encoding="utf-8")
         print(f"{output}: {len(network.nodes)} nodes, {len(network.edges)} edges")
-        return 0
+        return
     if output.suffix != ".csv" or not (arguments.start and arguments.goal):
         raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
     from sphere_nav_tools.offline import routes
 
     course = routes.write_way(output, network, _way(network, arguments))
     print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
-    return 0
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
@@ -178,6 +182,3 @@ def _plot(arguments: argparse.Namespace, network: Network, route: Route | None =
 
         routes.draw_network(arguments.plot, network, route)
         print(f"{arguments.plot}: drawn")
-
-
-WORDS = {"build": make_network, "name": name_place, "show": show, "plan": plan_way, "export": export}

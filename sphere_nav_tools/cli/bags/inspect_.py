@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     drivers = [f"driver: {driver.title}: --driver {driver.name}" for driver in finder.drivers()]
     print("\n".join([*drivers, *mounting]))
     for offer in offers:
-        print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
+        print(f"\n{offer.job}: {(offer.note or 'ready') if offer.command else offer.missing}")
         if offer.command:
             print(f"  {shlex.join(offer.command)}")
         if offer.reason:

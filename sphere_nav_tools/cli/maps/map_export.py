@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -52,28 +53,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the file."""
     output: Path = arguments.output
     if output.suffix not in WRITERS:
         raise ValueError(f"{output}: expected a suffix of {', '.join(WRITERS)}, found {output.suffix or 'none'!r}")
-    partial = output.with_name(output.name + ".part")
+    part = output.with_name(output.name + ".part")
     with open_map(arguments.map) as reader:
-        count = WRITERS[output.suffix](reader, partial, arguments)
-    partial.replace(output)
+        count = WRITERS[output.suffix](reader, part, arguments)
+    part.replace(output)
     print(f"{output}: {count}")
-    return 0
 
 
-def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
-    """Return what writes the points of all key spheres in one format."""
-
-    def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
-        params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
-        nodes = progress("export", "sphere", list(reader.graph))
-        return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
-
-    return write_all
+def write_cloud(
+    write: Callable[[Path, list[MapPoints]], int], reader: MapReader, path: Path, arguments: argparse.Namespace
+) -> str:
+    """Write the points of all key spheres in one format."""
+    params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
+    nodes = progress("export", "sphere", list(reader.graph))
+    return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
 
 
 def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
@@ -102,8 +100,8 @@ def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> st
 
 
 WRITERS: dict[str, Writer] = {
-    ".ply": write_cloud(write_ply),
-    ".laz": write_cloud(write_laz),
+    ".ply": partial(write_cloud, write_ply),
+    ".laz": partial(write_cloud, write_laz),
     ".g2o": write_graph,
     ".tum": write_trajectory,
     ".kitti": write_trajectory,

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flag(parser, "--parameters", "the parameters of the mapping too")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read the head of the map and one sphere; print."""
     with open_map(arguments.map) as reader:
         facts, parameters = map_facts(reader), reader.parameters if arguments.parameters else {}
@@ -41,7 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(facts | ({"parameters": parameters} if parameters else {}), indent=2))
     else:
         print("\n".join(facts_as_lines(facts | parameters)))
-    return 0
 
 
 def map_facts(reader: MapReader) -> dict[str, Any]:

@@ -13,12 +13,10 @@ from sphere_nav_tools.cli.operate.ground import Ground
 from sphere_nav_tools.cli.operate.words import Heard, ellipse, pieces, round_length
 
 COLORS = {
-    "car": (30, 110, 230),  # as the way ahead; red is left to what is wrong
-    "old": (140, 140, 140),
     "path": (120, 140, 170),
-    "ahead": (30, 110, 230),
+    "ahead": (30, 110, 230),  # and the vehicle; red is left to what is wrong
     "trail": (220, 120, 30),
-    "spheres": (150, 150, 150),
+    "spheres": (150, 150, 150),  # and a vehicle whose pose is old
     "place": (20, 130, 60),
     "mark": (200, 30, 160),
 }
@@ -29,7 +27,7 @@ LEGEND = " ".join(f'<span><b style="color:rgb{COLORS[name]}">&#9644;</b>{text}</
 # Lines 10 m apart: a plane with a shader (`add_grid`) takes a browser without a graphics card a second a picture, in
 # which no held button is told of.
 GRID_M = np.arange(-500.0, 501.0, 10.0)
-CALM, GLIDE = 0.12, 0.3  # share of the height that the vehicle may leave the middle; of the way back in a step
+CALM, GLIDE = 0.02, 0.3  # share of the height that a step has at least; of the way back to the vehicle in a step
 
 
 class Chart:
@@ -73,11 +71,11 @@ class Chart:
             f"/{name}", points=points, colors=color, thickness=width, thickness_units="screen"
         )
 
-    def mark(self, name: str, points: Any) -> None:
-        """Show where the map was clicked, or dragged from and to: a cross, and a line to the end."""
-        begin = np.asarray(points[0], float)
-        cross = [begin + arm for arm in ((0.6, 0.6), (-0.6, -0.6), (0.0, 0.0), (0.6, -0.6), (-0.6, 0.6), (0.0, 0.0))]
-        self._lines(name, pieces([*cross, points[-1]], 0.7), COLORS["mark"], 4.0)
+    def mark(self, name: str, begin: Array, *end: Array) -> None:
+        """Show where the map was clicked, or dragged from and to."""
+        self.client.scene.add_icosphere(f"/{name}", radius=0.4, color=COLORS["mark"], position=(*begin, 0.7))
+        if end:
+            self._lines(f"{name}_to", pieces([begin, *end], 0.7), COLORS["mark"], 4.0)
 
     def scale(self) -> str:
         """Return the scale of what is seen, where y of the map points, and a legend, as HTML."""
@@ -99,10 +97,8 @@ class Chart:
         middle = ground_point(position, browser_pose(camera).rotation[:, 2])  # `look_at` may be of another moment
         if middle is None:
             return
-        way, calm = goal - middle, CALM * position[2]
-        distance = float(np.hypot(*way))
-        if distance > calm:
-            step = GLIDE * way * (distance - calm) / distance
+        step = GLIDE * (goal - middle)
+        if np.hypot(*step) > CALM * position[2]:
             with self.client.atomic():
                 camera.position, camera.look_at = (*(position[:2] + step), position[2]), (*(middle + step), 0.0)
 
@@ -124,7 +120,7 @@ class Chart:
         if pose is None:
             return
         x, y, yaw, covariance = pose
-        color, scene = COLORS["car" if age < 1.0 else "old"], self.client.scene
+        color, scene = COLORS["ahead" if age < 1.0 else "spheres"], self.client.scene
         if self._is_new("car", color):
             front = (0.6, 0.0, 0.5 * BODY_M[2])  # the base is the rear axle
             self._car = scene.add_frame("/car", show_axes=False)

@@ -82,9 +82,8 @@ class Link:
         self._wheels: Any = None  # publishes cmd_vel while a person drives, and only then
         self._held, self._held_at = (0.0, 0.0), -math.inf
         self._lock = threading.Lock()
-        calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
-        calls |= {LOAD_PATH: LoadTrajectory, LOAD_MAP: LoadMap}
-        calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
+        asked = *(f"path_follower/{name}" for name in EXPECTED), "route_navigator/pause", "route_navigator/resume"
+        calls = {LOAD_PATH: LoadTrajectory, LOAD_MAP: LoadMap, **dict.fromkeys(asked, Trigger)}
         self.clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
         self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
         self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--map-options", "WORDS", "more words for `sphere_nav map`", default="")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Serve until interrupted."""
     address = gate.address_of("operate", arguments)
     folder = arguments.folder.resolve()
@@ -60,4 +60,3 @@ def run(arguments: argparse.Namespace) -> int:
         page = stack.enter_context(closing(OperatorPage(address, link, teaching, simulated)))
         print(f"{page.url}  (Ctrl-C ends it)", flush=True)
         threading.Event().wait()
-    return 0

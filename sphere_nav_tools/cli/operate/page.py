@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from sphere_nav.spheres.sphere import to_rgb
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, PICTURE_S, SILENT_S
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, SILENT_S
 from sphere_nav_tools.cli.gate import Address, WebPage
 from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
@@ -100,7 +100,7 @@ class Desk:
         self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
         self.seen, self.chart = page.link.seen, Chart(client)
         self._clicked: tuple[float, float] | None = None
-        self._pictured_at = 0.0
+        self._hands_off = ""
         self._texts: list[tuple[Any, Callable[[], str]]] = []  # parts, and what they tell
         self._shown: list[tuple[Any, Callable[[], object]]] = []  # parts, and when they do something
         self._add_stops()
@@ -126,7 +126,9 @@ class Desk:
             self._text(tell)
         self._button("release the emergency stop", OTHER, link.release_emergency, lambda: link.is_pressed)
         for name, color in (("start", MOVES), ("resume", MOVES), ("pause", STOPS), ("stop", STOPS)):
-            self._button(name, color, partial(link.command, name), partial(self._is_possible, name))
+            self._button(
+                name, color, partial(link.command, name), lambda name=name: possible(self.seen, link.is_pressed)[name]
+            )
         self._text(lambda: log_of(self.seen))
 
     def _beat(self) -> str:
@@ -136,14 +138,12 @@ class Desk:
 
     def _add_drive(self) -> None:
         gui, link, seen = self.client.gui, self.link, self.seen
-        self._path = gui.add_dropdown("path", [NO_PATH])
+        self._path = gui.add_dropdown("path", self.teaching.paths or [NO_PATH])
         self._button("load path", OTHER, self._load_path, lambda: seen.state in AT_REST and self.teaching.paths)
         self._place = gui.add_dropdown("place", [NO_PLACE])
-        for label, color, act, by_navigator in (
-            ("go there", MOVES, lambda: link.go(self._chosen()), True),
-            ("make the way there", OTHER, lambda: self._make_way(self._chosen()[1:]), False),
-        ):
-            self._button(label, color, act, partial(self._is_to_place, by_navigator))
+        go, make_way = lambda: link.go(self._chosen()), lambda: self._make_way(self._chosen()[1:])
+        self._button("go there", MOVES, go, lambda: self._has_places() and link.has_navigator)
+        self._button("make the way there", OTHER, make_way, lambda: self._has_places() and not link.has_navigator)
         self._click = gui.add_dropdown("a click on the map", (LOOKS, GOES, NAMES, POSES))
         self._click.on_update(lambda _: self._on_mode())
         self._button(
@@ -164,10 +164,10 @@ class Desk:
         self._name = gui.add_text("name", "")
         self._button("record", OTHER, lambda: teaching.record(self._name.value), lambda: not teaching.busy)
         self._text(lambda: INDENTED.format(escape("" if teaching.busy else teaching.describe())))
-        self._text(lambda: INDENTED.format(escape(self.link.hands_off() or "By hand, while a button is held:")))
+        self._text(lambda: INDENTED.format(escape(self._hands_off or "By hand, while a button is held:")))
         for name, (speed, turn) in PACE.items():
-            button = self._where(gui.add_button(name, color=MOVES), lambda: not self.link.hands_off())
-            button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
+            button = self._where(gui.add_button(name, color=MOVES), lambda: not self._hands_off)
+            button.on_hold(partial(self._hold, speed, turn), callback_hz=HOLD_HZ)
             button.on_click(lambda _: self.link.let_go())
         if simulated:
             self._button("end localiser and follower", STOPS, simulated.rest, lambda: simulated.is_driven)
@@ -198,11 +198,10 @@ class Desk:
         """Show what is told now, as HTML."""
         self._texts.append((self.client.gui.add_html(""), tell))
 
-    def _button(self, label: str, color: str, act: Callable[[], str], holds: Callable[[], object]) -> Any:
-        """Return a button that carries out an act, shown where something holds."""
-        button = self.client.gui.add_button(label, color=color)
+    def _button(self, label: str, color: str, act: Callable[[], str], holds: Callable[[], object]) -> None:
+        """Add a button that carries out an act, shown where something holds."""
+        button = self._where(self.client.gui.add_button(label, color=color), holds)
         button.on_click(lambda _: self._do(act))
-        return self._where(button, holds)
 
     def _where(self, part: Any, holds: Callable[[], object]) -> Any:
         """Show a part only where something holds."""
@@ -210,11 +209,8 @@ class Desk:
         self._shown.append((part, holds))
         return part
 
-    def _is_to_place(self, by_navigator: bool) -> bool:
-        return self.seen.state in AT_REST and bool(self.seen.places) and self.link.has_navigator == by_navigator
-
-    def _is_possible(self, command: str) -> bool:
-        return possible(self.seen, self.link.is_pressed)[command]
+    def _has_places(self) -> bool:
+        return self.seen.state in AT_REST and bool(self.seen.places)
 
     # --- what is pressed
     def _do(self, act: Callable[[], str]) -> None:
@@ -228,7 +224,7 @@ class Desk:
         path = self.teaching.path_of(self._path.value)
         return self.link.load(LOAD_PATH, path) if path else f"path: expected one in {self.teaching.folder}, found none"
 
-    def _hold(self, speed: float, turn: float) -> None:
+    def _hold(self, speed: float, turn: float, _: Any) -> None:
         refusal = self.link.hold(speed, turn)
         if refusal and refusal not in "".join(self.seen.lines):
             self.seen.say(refusal)
@@ -256,11 +252,12 @@ class Desk:
     def _name_place(self) -> str:
         made, taught = self._in_use()
         self.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked_at()))
-        told = "; route_navigator reads it when it starts anew" if self.link.has_navigator else ""
+        told = f"place {self._new_place.value}: kept in {made.name}"
         if self.page.simulated:
             self.page.simulated.guide(made)
-            told = ""
-        return f"place {self._new_place.value}: kept in {made.name}{told}"
+        elif self.link.has_navigator:
+            told += "; route_navigator reads it when it starts anew"
+        return told
 
     def _in_use(self) -> tuple[Path, Path | None]:
         """Return the map that the localiser uses, and the path taught with it; ValueError where it is not here."""
@@ -281,7 +278,7 @@ class Desk:
         point = ground_point(event.ray_origin, event.ray_direction)
         if point is not None and self._click.value in (GOES, NAMES):
             self._clicked = float(point[0]), float(point[1])
-            self.chart.mark("clicked", [point])
+            self.chart.mark("clicked", point)
 
     def _on_drag(self, event: Any) -> None:
         """Show the pose that is dragged; where the button is let go, tell it."""
@@ -289,7 +286,7 @@ class Desk:
         begin, end = (ground_point(camera, np.array(at) - camera) for at in (event.start_position, event.end_position))
         if begin is None or end is None or np.hypot(*(end - begin)) < 0.1:
             return
-        self.chart.mark("dragged", [begin, end])
+        self.chart.mark("dragged", begin, end)
         if event.phase == "end":
             yaw = math.atan2(*(end - begin)[::-1])
             self._do(lambda: self.link.guess_pose(float(begin[0]), float(begin[1]), yaw))
@@ -343,7 +340,7 @@ class Desk:
         return True
 
     def _show(self) -> None:
-        seen, teaching = self.seen, self.teaching
+        seen, teaching, self._hands_off = self.seen, self.teaching, self.link.hands_off()
         for part, tell in self._texts:
             part.content = tell()
         for part, choice in (
@@ -364,9 +361,6 @@ class Desk:
             self.link.want_pictures()
 
     def _show_pictures(self) -> None:
-        if time.monotonic() - self._pictured_at < PICTURE_S:
-            return
-        self._pictured_at = time.monotonic()
         for name, shown in self._pictures.items():
             gray = self.link.picture(name)
             if gray is not None:

@@ -22,7 +22,8 @@ MAX_DRAWN = 2000  # points of a line on the map
 GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
 LEVELS = ((3, "OK", GOOD), (2, "WARN", FAIR), (0, "ERROR", BAD), (1, "STALE", NONE))  # how soon each of them is told
 # One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
-COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
+COLORS = {"RECORDING": GOOD, "MAPPING": GOOD, "DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD}
+COLORS |= {"SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
 COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
 CALL = re.compile(r"\bcall (start|resume|stop)\b")  # of a node, where a reader of the page has buttons
 RELOCALIZE = re.compile(r"\b(call )?relocalize( of the localiser)?\b")
@@ -117,7 +118,7 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     `job`: what is being recorded or mapped; `remedy`: where nothing was heard; whatever the nodes say is text.
     """
     word, _, rest = job.partition(" ")
-    rows = [_row("teaching", word.upper(), rest, "", GOOD)] if job else []
+    rows = [_row("teaching", word.upper(), rest, "")] if job else []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
         status, age = seen.told(name)
         if status is None and job:
@@ -127,8 +128,8 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
             rows.append(_row(title, "UNKNOWN", since, remedy if not rows else ""))
             continue
         found = f"{status.value:.3g}, limit {status.limit:.3g}" if status.limit else ""
-        reason = " ".join(word for word in (status.reason, found) if word)
-        rows.append(_row(title, status.state, reason, by_buttons(status.remedy, status.state)))
+        remedy = by_buttons(status.remedy, status.state)
+        rows.append(_row(title, status.state, f"{status.reason} {found}".strip(), remedy))
     rows[0] = rows[0].replace("<b ", '<b class="sn-word" ', 1)
     if seen.state:
         status, _ = seen.told("follower")
@@ -140,8 +141,8 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     return f'<div class="sn-state">{"".join(rows)}</div>'
 
 
-def _row(title: str, state: str, reason: str, remedy: str, color: str = "") -> str:
-    color = color or (NONE if state == "UNKNOWN" and reason == "nothing heard" else COLORS.get(state, BAD))
+def _row(title: str, state: str, reason: str, remedy: str) -> str:
+    color = NONE if reason == "nothing heard" else COLORS.get(state, BAD)
     why = f"<div>{escape(reason)}</div>" if reason else ""
     what = f"<div>&rarr; {escape(remedy)}</div>" if remedy else ""
     head = f'<b style="background:{color};color:white;padding:0 0.4em">{escape(state)}</b> {escape(title)}'
@@ -150,15 +151,14 @@ def _row(title: str, state: str, reason: str, remedy: str, color: str = "") -> s
 
 def round_length(most: float) -> float:
     """Return the largest 1, 2 or 5 times a power of ten that is not above a length."""
-    length = 10.0 ** math.floor(math.log10(max(most, 1e-3)))
-    return float(length * next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= max(most, 1e-3)))
+    length = 10.0 ** math.floor(math.log10(most))
+    return float(length * next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= most))
 
 
 def log_of(seen: Heard) -> str:
     """Return what was done as HTML, the newest first; before it, the command that was refused."""
     refused = f'<div class="sn-refused">NOT DONE: {escape(seen.refused)}</div>' if seen.refused else ""
-    told = [line for line in list(seen.lines) if not (refused and line.endswith(seen.refused))]
-    lines = "".join(f"<div>{escape(line)}</div>" for line in told)
+    lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
     return f'{refused}<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
 
 

@@ -194,7 +194,7 @@ def edges_of(graph: SphereGraph) -> dict[str, Array]:
 def describe(status: Status, stamp_ns: int) -> str:
     """Return state, reason and quality, in words."""
     words = [f"**{status.state}**", status.reason, f"{stamp_ns / 1e9:.2f} s", f"quality {status.quality:.2f}"]
-    return " · ".join(word for word in words if word)
+    return " · ".join(filter(None, words))
 
 
 def put(client: Any, T_map_camera: SE3) -> None:

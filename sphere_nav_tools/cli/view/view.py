@@ -57,8 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     gate.add_options(parser, port=8080)
     add(parser, "--memory", "MB", "of kept spheres (%(default)g)", read_positive, default=500.0)
     expected = "x,y,z,yaw[,pitch,roll]"
-    add(parser, "--pose", expected, "where to begin, m and degrees", numbers(expected, 4, 6))
-    add(parser, "--sphere", "ID", "begin at a key sphere (the first one)", int)
+    begin = parser.add_mutually_exclusive_group()
+    add(begin, "--pose", expected, "where to begin, m and degrees", numbers(expected, 4, 6))
+    add(begin, "--sphere", "ID", "begin at a key sphere (the first one)", int)
     add(parser, "--experience", "NAME", "begin with this look of the map, as map-info names it")
     add(parser, "--screenshot", "F", "write the first view (.png, .jpg) and end", Path)
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
@@ -69,22 +70,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, "dense_localizer")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write one view, or serve until interrupted."""
     with open_map(arguments.map) as reader:
         start = first_pose(reader, arguments)
         with closing(Scene(reader, arguments.memory)) as scene:
             experience = find_experience(scene, arguments.experience)
             if arguments.screenshot:
-                return write_view(scene, start, experience, arguments)
-            page = Page(gate.address_of("view", arguments), reader.graph, scene, start, experience)
-            return serve(reader, page, arguments)
+                write_view(scene, start, experience, arguments)
+            else:
+                address = gate.address_of("view", arguments)
+                serve(reader, Page(address, reader.graph, scene, start, experience), arguments)
 
 
 def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
-    """Return the pose of the camera to begin with, optical axes; ValueError for words that are none."""
-    if arguments.pose and arguments.sphere is not None:
-        raise ValueError("--pose, --sphere: expected one of them, found both")
+    """Return the pose of the camera to begin with, optical axes."""
     if not arguments.pose:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
@@ -98,7 +98,7 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
         return None
     known = {str(one): one for one in reversed(scene.experiences)}
     if name not in known:
-        raise ValueError(f"--experience: expected one of {', '.join(map(repr, reversed(known)))}, found {name!r}")
+        raise ValueError(f"--experience: expected one of {', '.join(map(repr, known))}, found {name!r}")
     return known[name]
 
 
@@ -109,7 +109,7 @@ def camera_for(size: tuple[int, int], fov_deg: float) -> Pinhole:
     return centred_camera(*size, 0.5 * size[0] / np.tan(0.5 * np.radians(fov_deg)))
 
 
-def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, arguments: argparse.Namespace) -> int:
+def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, arguments: argparse.Namespace) -> None:
     """Write the view from a pose as a picture."""
     output: Path = arguments.screenshot
     check_ending(output, ENDINGS)
@@ -117,10 +117,9 @@ def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, a
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")
-    return 0
 
 
-def serve(reader: MapReader, page: Page, arguments: argparse.Namespace) -> int:
+def serve(reader: MapReader, page: Page, arguments: argparse.Namespace) -> None:
     """Show the page until interrupted; with a drive, localise and show it."""
     with closing(page):
         recorded = RecordedCamera(arguments.bag, arguments) if arguments.bag else None
@@ -131,7 +130,6 @@ def serve(reader: MapReader, page: Page, arguments: argparse.Namespace) -> int:
             with closing(localizer.references):
                 replay_drive(recorded, localizer, page)
         threading.Event().wait()
-    return 0
 
 
 def replay_drive(recorded: RecordedCamera, localizer: Localizer, page: Page) -> None:

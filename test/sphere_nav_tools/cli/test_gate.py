@@ -8,7 +8,7 @@ import pytest
 
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE
-from sphere_nav_tools.cli.gate import Address, Gate, link_to, make_server, token_for
+from sphere_nav_tools.cli.gate import Address, Gate, make_server, token_for
 
 TOKEN = "a token of the yard"
 LINK = "/a%20token%20of%20the%20yard"
@@ -116,9 +116,12 @@ def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
 
 def test_a_printed_link_leads_to_the_machine(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "car7")
-    assert link_to("127.0.0.1", 8081, TOKEN) == f"http://127.0.0.1:8081{LINK}"
-    assert link_to("0.0.0.0", 8081, "t/?#") == "http://car7:8081/t%2F%3F%23"
-    assert link_to("::1", 8081, "t") == "http://[::1]:8081/t"
+    for host, token, link in [
+        ("127.0.0.1", TOKEN, f"http://127.0.0.1:8082{LINK}"),
+        ("0.0.0.0", "t/?#", "http://car7:8082/t%2F%3F%23"),
+        ("::1", "t", "http://[::1]:8082/t"),
+    ]:
+        assert Address("operate", host, 8081, token).link(8082) == link
 
 
 # --- before a real viser

@@ -1,6 +1,6 @@
 """`sphere_nav view`: a picture without a browser, and what a drive shows."""
 
-from argparse import ArgumentParser
+from argparse import ArgumentError, ArgumentParser
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -101,8 +101,10 @@ def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
     turn = turn @ SE3.exp([0, 0, 0, np.radians(10), 0, 0])
     expected = SE3.from_parts(turn.rotation, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(begin((1, 2, 3, 40, -20, 10)).matrix, expected.matrix, atol=1e-12)
-    with pytest.raises(ValueError, match="expected one of them, found both"):
-        begin((1, 2, 3, 4), 7)
+    parser = ArgumentParser(exit_on_error=False)
+    view.add_arguments(parser)
+    with pytest.raises(ArgumentError, match="--sphere: not allowed with argument --pose"):
+        parser.parse_args(["map", "--pose", "1,2,3,4", "--sphere", "7"])
 
 
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]
