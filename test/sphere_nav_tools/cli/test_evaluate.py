@@ -66,8 +66,7 @@ def test_known_errors_come_out_in_json_and_table(files, capsys):
 
 
 def test_alignment_takes_a_moved_map_away(files):
-    moved = TRUTH.moved(SE3.exp([3, 1, 0, 0, 0.1, 1.0]), 1.25)
-    write_tum(files / "moved.tum", moved)
+    write_tum(files / "moved.tum", TRUTH.moved(SE3.exp([3, 1, 0, 0, 0.1, 1.0]), 1.25))
     call(files / "moved.tum", files / "truth.tum", "--align", "sim3", "--json", files / "e.json")
     found = json.loads((files / "e.json").read_text())
     assert found["translation_m"]["max"] < 1e-6

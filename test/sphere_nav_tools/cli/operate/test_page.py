@@ -307,20 +307,10 @@ def navigator(yard, follower):
 
 
 @pytest.fixture
-def command_line():
-    context = Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("command_line", context=context)
-    client, executor = ActionClient(node, Navigate, "navigate"), SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
+def command_line(follower):
+    client = ActionClient(follower.node, Navigate, "navigate")
     yield client
-    executor.shutdown()
-    thread.join(WAIT_S)
     client.destroy()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):

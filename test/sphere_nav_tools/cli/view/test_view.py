@@ -7,15 +7,12 @@ from unittest.mock import MagicMock
 import cv2
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, Image
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.params import build
-from sphere_nav.ros import qos
-from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
@@ -26,7 +23,8 @@ from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import server, view
 from sphere_nav_tools.cli.view.server import COLORS, Minimap
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
-from worlds.localizer import PINHOLE, STEP_NS, drive, make_map
+from worlds.localizer import PINHOLE, drive, make_map
+from worlds.recordings import stamp, write_bag
 from worlds.room import Room, optical
 
 NUM_IMAGES = 10
@@ -36,14 +34,15 @@ NUM_IMAGES = 10
 def folder(tmp_path_factory):
     folder, room = tmp_path_factory.mktemp("view"), Room()
     save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]).graph)
-    with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
-        bag.add_topic("/image_raw", Image, qos.STATE)
-        for k, T in enumerate(drive(NUM_IMAGES)):
-            stamp = 10**9 + k * STEP_NS
-            bag.write("/camera_info", camera_to_info(PINHOLE, stamp, "optical"), stamp)
-            image = array_to_image(room.photograph(PINHOLE, T, k), stamp, "optical", "mono8")
-            bag.write("/image_raw", image, stamp)
+
+    def seen(k):
+        yield "camera_info", camera_to_info(PINHOLE, stamp(k), "optical")
+        yield (
+            "image_raw",
+            array_to_image(room.photograph(PINHOLE, drive(NUM_IMAGES)[k], k), stamp(k), "optical", "mono8"),
+        )
+
+    write_bag(folder / "bag", seen, numbers=range(NUM_IMAGES), with_mount=False)
     return folder
 
 
@@ -64,13 +63,19 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
 T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 
 
-def test_a_browser_sees_no_more_pixels_than_are_drawn():
-    for aspect, size in [(1.6, (800, 500)), (1.0, (800, 800)), (0.5, (400, 800))]:
-        camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
-        focal = 0.5 * size[1] / np.tan(np.radians(30.0))  # the field of view is that of the height
-        center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
-        assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
+@pytest.mark.parametrize(
+    ("camera", "size", "focal"),
+    [  # the field of view of a browser is that of the height, of a screenshot that of the width
+        *((server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.pi / 3)), (w, h), h / 2 * np.sqrt(3))
+          for aspect, w, h in ((1.6, 800, 500), (1.0, 800, 800), (0.5, 400, 800))),
+        (view.camera_for((160, 120), 90.0), (160, 120), 80.0),
+        (view.camera_for((100, 300), 2 * np.degrees(np.arctan(0.5))), (100, 300), 100.0),
+    ],
+)  # fmt: skip
+def test_a_browser_sees_no_more_pixels_than_are_drawn_and_a_screenshot_has_its_field_of_view(camera, size, focal):
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
+    assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
 def test_a_browser_looks_where_its_camera_looks():
@@ -78,14 +83,6 @@ def test_a_browser_looks_where_its_camera_looks():
     found = gate.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
-
-
-def test_a_screenshot_has_the_field_of_view_of_its_width():
-    for size, fov, focal in [("160x120", 90.0, 80.0), ("100x300", 2 * np.degrees(np.arctan(0.5)), 100.0)]:
-        width, height = map(int, size.split("x"))
-        found = view.camera_for((width, height), fov)
-        assert (found.width, found.height, found.cx, found.cy) == (width, height, (width - 1) / 2, (height - 1) / 2)
-        assert (found.fx, found.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
 def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
