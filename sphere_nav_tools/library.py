@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -118,7 +118,7 @@ class Estimate:
         return self.state in TRUSTED
 
 
-class Localizer:
+class Localizer(AbstractContextManager["Localizer"]):
     """One camera in a map, image by image (M15 section 5).
 
     with open_map("kitchen") as kitchen, Localizer(kitchen) as localizer:
@@ -157,10 +157,6 @@ class Localizer:
     def close(self) -> None:
         """End what is being read ahead."""
         self._localizer.references.close()
-
-    def __enter__(self) -> Self:
-        """Return self."""
-        return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Close."""

@@ -19,7 +19,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from http import HTTPStatus
 from importlib.util import find_spec
 from io import StringIO
@@ -63,9 +63,9 @@ class Address(NamedTuple):
 class Gate:
     """Judges requests by the host that they name, the page that they come from, and the token."""
 
-    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], str]] | None = None) -> None:
+    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], str]] = {}) -> None:
         """`host`: the address that is served at; `acts`: what answers, at once, who asks for a path."""
-        self._acts = acts or {}
+        self._acts = acts
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
         self._paid_at: dict[str, float] = {}  # by network: when its wrong tokens are forgotten, one each GUESS_S
@@ -120,18 +120,11 @@ class Gate:
 
 def own_names(host: str) -> frozenset[str]:
     """Return what a page at an address may be called; the address that a request has reached is one in any case."""
-    if is_loopback(host):
-        return LOCAL_NAMES
+    with suppress(ValueError):  # a name
+        if host == "localhost" or ipaddress.ip_address(host).is_loopback:
+            return LOCAL_NAMES
     machine = socket.gethostname().lower()
     return LOCAL_NAMES.union({machine, f"{machine}.local"}, () if host in ANYWHERE else {bracketed(host.lower())})
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is of this machine alone."""
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def bracketed(host: str) -> str:
@@ -166,7 +159,7 @@ def token_for(given: str) -> str:
     return found or secrets.token_urlsafe(16)
 
 
-def make_server(address: Address, acts: Mapping[str, Callable[[], str]] | None = None) -> Any:
+def make_server(address: Address, acts: Mapping[str, Callable[[], str]] = {}) -> Any:
     """Return a server of pages behind its gate; ValueError where the gate cannot be put before it.
 
     `acts`: what a page may ask for without its websocket, by path.
@@ -191,7 +184,7 @@ def make_server(address: Address, acts: Mapping[str, Callable[[], str]] | None =
 class WebPage:
     """A page behind the gate, for any number of browsers until `close`."""
 
-    def __init__(self, address: Address, acts: Mapping[str, Callable[[], str]] | None = None) -> None:
+    def __init__(self, address: Address, acts: Mapping[str, Callable[[], str]] = {}) -> None:
         """`acts`: as of `make_server`."""
         self.closed, self._address = threading.Event(), address
         self.server = make_server(address, acts)

@@ -122,14 +122,14 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _overview() -> str:
-    lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
-    lines += columns((f"  {name}", summary) for name, (_, summary) in COMMANDS.items())
-    lines += [
-        "",
-        "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
-        f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            "usage: sphere_nav COMMAND ...\n\nTeach a vehicle a place once, then drive there by one camera.\n",
+            *columns((f"  {name}", summary) for name, (_, summary) in COMMANDS.items()),
+            "\n'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
+            f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -34,6 +34,11 @@ def python_command(code: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
 
 
+def start_command(start: NodeStart, folder: Path) -> list[str]:
+    """Return the command of a node as it is described; its parameters go into a file of a folder."""
+    return node_command(start.node, *ros_arguments(start, folder / f"{start.node}.yaml"))
+
+
 def ros_arguments(start: NodeStart, file: Path) -> list[str]:
     """Return the words after a node's name; its parameters go into a file, the site's before it."""
     values = {"/**": {"ros__parameters": dict(start.parameters)}}
@@ -61,8 +66,7 @@ class Processes:
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
-        words = ros_arguments(NodeStart(node, values), self.folder / f"{node}.yaml")
-        self.begin(node, node_command(node, *words))
+        self.begin(node, start_command(NodeStart(node, values), self.folder))
 
     def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
         """Start a process, and return it."""

@@ -11,7 +11,6 @@ import numpy as np
 from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
-from sphere_nav.geometry.files.untrusted import number
 from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers
 
@@ -68,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
     add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
     for word in (way, export):
-        add(word, "--closed", "N,N", "edges that are not driven", default="")
+        add(word, "--closed", "N,N", "edges that are not driven", numbers("N,N", 1, 1000), default=())
         add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
     for word in (build, words.choices["show"], way):
         add(word, "--plot", "FILE", f"picture to write ({', '.join(ENDINGS)})", Path)
@@ -169,7 +168,7 @@ def export(arguments: argparse.Namespace) -> None:
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
-    closed = {int(number(word, "--closed")) for word in arguments.closed.split(",") if word.strip()}
+    closed = {int(edge) for edge in arguments.closed}
     if unknown := closed - set(network.edges):
         raise ValueError(f"--closed: expected edges of the network, found {sorted(unknown)[0]}")
     starts, goals = (network.spots_of(network.node_of(place)) for place in (arguments.start, arguments.goal))

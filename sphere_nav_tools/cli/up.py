@@ -14,7 +14,7 @@ from pathlib import Path
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, after_exit
 from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import LOOK
-from sphere_nav_tools.cli.processes import Processes, node_command, ros_arguments
+from sphere_nav_tools.cli.processes import Processes, start_command
 from sphere_nav_tools.offline.tables import columns
 
 LISTING = "\n".join(columns((f"  {name}", composition.purpose) for name, composition in COMPOSITIONS.items()))
@@ -48,10 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     starts = composition.ready(parse(arguments.arguments))
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
     with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, Processes() as nodes:
-        files = (Path(folder) / f"{start.node}.yaml" for start in starts)
-        words = {start.node: ros_arguments(start, file) for start, file in zip(starts, files, strict=True)}
         try:
-            status = watch(nodes, {node: node_command(node, *words[node]) for node in words})
+            status = watch(nodes, {start.node: start_command(start, Path(folder)) for start in starts})
         except KeyboardInterrupt:
             status = 0
         statuses = nodes.end()

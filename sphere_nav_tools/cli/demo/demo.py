@@ -197,8 +197,8 @@ def verdict(result: dict[str, Any]) -> str:
 def new_folder(wanted: Path) -> Path:
     """Make the output folder; one that is there is kept under the next free number."""
     if wanted.exists():
-        number = next(n for n in range(1, 10_000) if not wanted.with_name(f"{wanted.name}.{n}").exists())
-        kept = wanted.rename(wanted.with_name(f"{wanted.name}.{number}"))
+        others = (wanted.with_name(f"{wanted.name}.{number}") for number in range(1, 10_000))
+        kept = wanted.rename(next(other for other in others if not other.exists()))
         print(f"the last result is kept as {kept}")
     wanted.mkdir(parents=True)
     return wanted

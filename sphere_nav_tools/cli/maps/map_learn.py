@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Learn."""
     path: Path = (arguments.map.parent if arguments.map.is_file() else arguments.map).resolve()
-    params, learned = build(DenseLocalizerParams, {"automatic": False} | arguments.settings), list[bool]()
-    for name, is_taken, told in learn_map(path, params):
+    learned = []
+    for name, is_taken, told in learn_map(path, build(DenseLocalizerParams, {"automatic": False} | arguments.settings)):
         print(f"{name}: {'learned' if is_taken else 'refused'}: {told}")
         learned.append(is_taken)
     print(f"{arguments.map}: {sum(learned)} of {len(learned)} drives learned")

@@ -24,9 +24,6 @@ BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
 BEGIN = (0.0, -0.5, 25.0)  # of the view at first, m: from above, y up
 SHOWN = {"path": "path", "ahead": "vehicle, way ahead", "trail": "driven", "place": "place", "mark": "clicked"}
 LEGEND = " ".join(f'<span><b style="color:rgb{COLORS[name]}">&#9644;</b>{text}</span>' for name, text in SHOWN.items())
-# Lines 10 m apart: a plane with a shader (`add_grid`) takes a browser without a graphics card a second a picture, in
-# which no held button is told of.
-GRID_M = np.arange(-500.0, 501.0, 10.0)
 CALM, GLIDE = 0.02, 0.3  # share of the height that a step has at least; of the way back to the vehicle in a step
 
 
@@ -39,8 +36,6 @@ class Chart:
         with client.atomic():  # a browser that comes while the vehicle drives tells of another view than the first
             client.camera.position, client.camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         client.scene.configure_default_lights(cast_shadow=False)
-        lines = np.array([[(at, GRID_M[0], 0.0), (at, GRID_M[-1], 0.0)] for at in GRID_M], np.float32)
-        self._lines("grid", np.concatenate([lines, lines[..., [1, 0, 2]]]), COLORS["spheres"], 1.0)
 
     def show(self, seen: Heard, ground: Ground | None, is_followed: bool) -> None:
         """Draw what is new, and let the view follow the vehicle, where that is wished."""

@@ -22,7 +22,7 @@ import numpy as np
 from sphere_nav.spheres.sphere import to_rgb
 from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, SILENT_S
 from sphere_nav_tools.cli.gate import Address, WebPage
-from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
+from sphere_nav_tools.cli.operate.chart import Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
 from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
 from sphere_nav_tools.cli.operate.look import dressing
@@ -56,7 +56,6 @@ class OperatorPage(WebPage):
         self.link, self.teaching, self.simulated = link, teaching, simulated
         self._ground: tuple[Path | None, Ground | None] = None, None
         super().__init__(address, {"emergency_stop": self._press, "state": self.state})  # what needs no websocket
-        self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
@@ -126,9 +125,7 @@ class Desk:
             self._text(tell)
         self._button("release the emergency stop", OTHER, link.release_emergency, lambda: link.is_pressed)
         for name, color in (("start", MOVES), ("resume", MOVES), ("pause", STOPS), ("stop", STOPS)):
-            self._button(
-                name, color, partial(link.command, name), lambda name=name: possible(self.seen, link.is_pressed)[name]
-            )
+            self._button(name, color, partial(link.command, name), partial(self._is_possible, name))
         self._text(lambda: log_of(self.seen))
 
     def _beat(self) -> str:
@@ -208,6 +205,9 @@ class Desk:
         part.visible = False
         self._shown.append((part, holds))
         return part
+
+    def _is_possible(self, command: str) -> bool:
+        return possible(self.seen, self.link.is_pressed)[command]
 
     def _has_places(self) -> bool:
         return self.seen.state in AT_REST and bool(self.seen.places)

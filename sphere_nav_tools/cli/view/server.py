@@ -89,7 +89,7 @@ class Page(WebPage):
     def show(self, stamp_ns: int, image: Bytes, estimate: CameraEstimate, camera: Camera) -> None:
         """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
         gui, T_map_camera, shot = self.server.gui, estimate.T_map_camera, to_rgb(image)
-        residual = np.full(image.shape[:2], 128, np.uint8)
+        residual = np.zeros(image.shape[:2], np.uint8)
         if estimate.candidate is not None:
             residual = residual_image(to_gray_bytes(image), camera, estimate.candidate)
         picture, text = np.vstack([shot, to_rgb(residual)]), describe(estimate.status, stamp_ns)
@@ -98,7 +98,7 @@ class Page(WebPage):
                 "pause": gui.add_checkbox("pause the drive", False),
                 "ride": gui.add_checkbox("ride along", False),
                 "text": gui.add_markdown(text),
-                "picture": gui.add_image(picture, label="camera; below it the residual (grey: as the map)"),
+                "picture": gui.add_image(picture, label="camera, residual (grey: as the map)"),
             }
         self._drive["text"].content, self._drive["picture"].image = text, picture
         if T_map_camera is not None:
