@@ -41,8 +41,8 @@ class Victim:
 
     def __init__(self, folder: Path) -> None:
         self.nodes = Processes(folder)
-        words = ("operate", "--folder", str(folder), "--token", TOKEN, "--port", "8461")
-        self.nodes.begin("operate", python_command(COMMAND, *words))
+        words = f"operate --token {TOKEN} --port 8461 --folder".split()
+        self.nodes.begin("operate", python_command(COMMAND, *words, str(folder)))
         while not (found := re.search(r":(\d+)/", (folder / "operate.log").read_text(encoding="utf-8"))):
             self.nodes.check()
             time.sleep(0.1)

@@ -13,7 +13,6 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav_tools.cli.constants import MOVING
 from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses
-from sphere_nav_tools.offline.plot_figure import drawn, top_view
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 EXAGGERATION = 50  # of the distance between two paths that no eye could tell apart
@@ -73,11 +72,18 @@ def plot_top_view(path: Path, errors: DriveErrors, key_spheres: Array) -> None:
 
     The driven path is `EXAGGERATION` times as far from the taught one as the car truly was.
     """
+    from sphere_nav_tools.offline.plot_figure import drawn, top_view  # matplotlib takes half a second to import
+
     label = f"driven by the camera (truth), its distance from the taught path × {EXAGGERATION}"
-    left = np.stack([-np.sin(errors.yaw), np.cos(errors.yaw)], axis=1)
-    driven = errors.driven.positions[:, :2] + (EXAGGERATION - 1) * errors.lateral[:, None] * left
     with drawn(path, (8, 8)) as figure:
         axes = figure.add_subplot()
-        lines = {"taught (truth)": errors.taught.positions[:, :2], label: driven}
+        lines = {"taught (truth)": errors.taught.positions[:, :2], label: exaggerate(errors)}
         top_view(axes, lines, {f"{len(key_spheres)} key spheres": key_spheres})
         axes.set_title(f"Taught and driven path, at most {100 * np.abs(errors.lateral).max():.1f} cm apart", loc="left")
+
+
+def exaggerate(errors: DriveErrors) -> Array:
+    """Return the driven positions (N, 2), `EXAGGERATION` times as far from the taught path."""
+    left = np.stack([-np.sin(errors.yaw), np.cos(errors.yaw)], axis=1)
+    exaggerated: Array = errors.driven.positions[:, :2] + (EXAGGERATION - 1) * errors.lateral[:, None] * left
+    return exaggerated

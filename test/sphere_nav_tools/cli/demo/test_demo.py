@@ -17,7 +17,7 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, add_arguments, has_ended, new_folder, verdict
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
-from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from, drive_errors, plot_top_view
+from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from, drive_errors, exaggerate
 
 SECOND = 10**9
 
@@ -95,18 +95,13 @@ def drive(points, yaw):
     return Trajectory(SECOND * np.arange(len(poses)), SE3(np.stack(poses)))
 
 
-def test_distances_from_the_path_are_drawn_exaggerated_to_their_side(tmp_path, monkeypatch):
+def test_distances_from_the_path_are_exaggerated_to_their_side():
     taught = drive([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0]], np.pi / 2 * np.array([0, 0, 1, 1]))
     driven = drive([[0.0, 0.01], [1.0, -0.02], [1.99, 1.0]], np.zeros(3))
     feet, lateral = distances_from(taught, driven)
     np.testing.assert_allclose(lateral, [0.01, -0.02, 0.01])  # left, right, left
-    drawn = []
-    monkeypatch.setattr(
-        "sphere_nav_tools.cli.demo.report.top_view", lambda axes, lines, marks: drawn.extend(lines.values())
-    )
-    yaw = taught.T_map_body.yaw[feet]
-    plot_top_view(tmp_path / "a.png", DriveErrors(taught, driven, yaw, lateral, 1.0, None), np.zeros((1, 2)))
-    np.testing.assert_allclose(drawn[1], [[0.0, 0.5], [1.0, -1.0], [1.5, 1.0]], atol=1e-12)
+    drawn = exaggerate(DriveErrors(taught, driven, taught.T_map_body.yaw[feet], lateral, 1.0, None))
+    np.testing.assert_allclose(drawn, [[0.0, 0.5], [1.0, -1.0], [1.5, 1.0]], atol=1e-12)
 
 
 def test_a_path_that_crosses_itself_is_followed_in_order():
