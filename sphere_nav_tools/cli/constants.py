@@ -6,7 +6,7 @@ drawn.
 
 # The page of an operator (operate/test_operate, operate/test_page)
 ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
-STOP_ANSWER_S = 1.0  # the same for an emergency stop
+STOP_ANSWER_S, LOAD_S = 1.0, 60.0  # the same for an emergency stop; to wait for a path or a map to be read
 WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
 PERIOD_S = 0.2  # between two looks at what was heard
 WANTED_S = 2.0  # since a page last wanted pictures, until none are sent

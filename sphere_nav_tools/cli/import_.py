@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> None:
     if not indices:
         raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
-        write_frames(bag, recording, progress("import", "frame", indices))
+        write_frames(bag, recording, indices)
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
@@ -139,11 +139,11 @@ def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
 
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:
     """Write `/tf_static` and then every message of the frames, at its own stamp."""
-    for count, index in enumerate(indices):
+    first = recording.instants[indices[0]].stamp_ns
+    bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
+    bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(first)), first)
+    for index in progress("import", "frame", indices):
         stamp = recording.instants[index].stamp_ns
-        if count == 0:
-            bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
-            bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(stamp)), stamp)
         for topic, message in recording.frame(index):
             is_large = topic.endswith(("image_raw", "sphere"))
             bag.add_topic(topic, type(message), qos.LARGE if is_large else qos.STATE)

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int | None:
     """Carry out one word."""
     if getattr(arguments, "plot", None) is not None:
         check_ending(arguments.plot, ENDINGS)
-    words: dict[str, Callable[[argparse.Namespace], int | None]] = {
+    words: dict[str, Callable[..., int | None]] = {
         "build": make_network,
         "name": name_place,
         "show": show,

@@ -42,6 +42,7 @@ from sphere_nav_tools.cli.constants import (
     ANSWER_S,
     CONFIRMED_S,
     HELD_S,
+    LOAD_S,
     NO_IMAGE_S,
     RATE_S,
     STOP_ANSWER_S,
@@ -210,9 +211,9 @@ class Link:
         """Ask whoever offers missions to cancel every goal (no id, no stamp); return the answers to come."""
         return [client.call_async(CancelGoal.Request()) for client in self._cancels if client.service_is_ready()]
 
-    def load(self, service: str, path: Path, patience: float = ANSWER_S) -> str:
+    def load(self, service: str, path: Path) -> str:
         """Ask the follower or the localiser to take a file."""
-        return f"{path}: {self.call(service, patience, path=str(path)) or 'loaded'}"
+        return f"{path}: {self.call(service, LOAD_S, path=str(path)) or 'loaded'}"
 
     def call(self, name: str, patience: float = ANSWER_S, **fields: Any) -> str:
         """Call a service and return why it was not done; empty where it was."""

@@ -298,7 +298,7 @@ class Desk:
             return f"map: expected one in {self.teaching.folder}, found none: make it first"
         if self.page.simulated is not None and path is not None:
             return self.page.simulated.use(made, path)
-        told = self.link.load(LOAD_MAP, made, 60.0)
+        told = self.link.load(LOAD_MAP, made)
         return f"{told}; {self.link.load(LOAD_PATH, path)}" if path else told
 
     # --- what changes by itself
