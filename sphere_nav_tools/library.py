@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -117,7 +118,7 @@ class Estimate:
         return self.state in TRUSTED
 
 
-class Localizer:
+class Localizer(AbstractContextManager["Localizer"]):
     """One camera in a map, image by image (M15 section 5).
 
     with open_map("kitchen") as kitchen, Localizer(kitchen) as localizer:
@@ -157,10 +158,6 @@ class Localizer:
         """End what is being read ahead."""
         self._localizer.references.close()
 
-    def __enter__(self) -> Self:
-        """Return self."""
-        return self
-
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Close."""
         self.close()
@@ -183,11 +180,8 @@ def render(sphere_map: Map, camera: CameraModel, T_map_camera: SE3) -> Synthesiz
     """
     _expect(sphere_map, Map, "render: map", "open_map(path)")
     _expect(camera, CAMERAS, "render: camera", "Camera.from_fx(...)")
-    scene = Scene(sphere_map)
-    try:
+    with closing(Scene(sphere_map)) as scene:
         return scene.render(_expect(T_map_camera, SE3, "render: pose", "an SE3"), camera)
-    finally:
-        scene.close()
 
 
 def localize_bag(sphere_map: str | Path, bag: str | Path, **options: Any) -> Trajectory:

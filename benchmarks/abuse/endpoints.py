@@ -38,7 +38,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.safety.fault_busy import front_of
 from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.processes import Processes, node_command
 
 COUNTS = {"quick": 300, "full": 20_000}
 START = 120.0  # s until a node answers after it was started, on a busy machine
@@ -76,8 +76,7 @@ class Victim:
         self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
         self.has_loop = issubclass(node, FrontNode)
         self._nodes = Processes(folder)
-        self._nodes.run(self.name, f"from {node.__module__} import main; sys.exit(main())", "--ros-args", *words)
-        self._process = self._nodes.running[self.name]
+        self._process = self._nodes.begin(self.name, node_command(self.name, "--ros-args", *words))
 
     @property
     def death(self) -> str:

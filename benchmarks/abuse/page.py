@@ -16,7 +16,7 @@ from pathlib import Path
 from benchmarks.commands import COMMAND
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav_tools.cli.constants import GUESS_S
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.processes import Processes, python_command
 
 TOKEN, FOREIGN = "token_of_the_yard", ("http://evil.example", "http://127.0.0.1:1", "http://localhost:8081", "null")
 HOSTS = ("evil.example", "127.0.0.1.evil.example", "10.0.0.1", "0.0.0.0")
@@ -41,7 +41,8 @@ class Victim:
 
     def __init__(self, folder: Path) -> None:
         self.nodes = Processes(folder)
-        self.nodes.run("operate", COMMAND, "operate", "--folder", str(folder), "--token", TOKEN, "--port", "8461")
+        words = f"operate --token {TOKEN} --port 8461 --folder".split()
+        self.nodes.begin("operate", python_command(COMMAND, *words, str(folder)))
         while not (found := re.search(r":(\d+)/", (folder / "operate.log").read_text(encoding="utf-8"))):
             self.nodes.check()
             time.sleep(0.1)

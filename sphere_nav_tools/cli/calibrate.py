@@ -12,6 +12,7 @@ from rig_calibration.boards.report import calibration_as_mapping, draw_calibrati
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
 from sphere_nav_tools.offline.settings import add_output, check_free
 from sphere_nav_tools.offline.tables import write_json
@@ -32,17 +33,17 @@ in it (videos: begun together). A board counts inner corners. rig_report.json an
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("images", nargs="+", metavar="IMAGES", help="a folder, a glob or a video for each camera")
-    parser.add_argument("--board", metavar="8x6", help="inner corners of the board")
-    parser.add_argument("--square", type=float, metavar="M", help="side of a square in m")
-    parser.add_argument("--charuco", type=float, metavar="M", help="a ChArUco board with markers of this side in m")
-    parser.add_argument("--dictionary", default="DICT_4X4_250", help="of the ChArUco markers (DICT_4X4_250)")
-    parser.add_argument("--boards", type=Path, metavar="FILE", help="several boards, in YAML")
-    parser.add_argument("--model", choices=MODELS, default="pinhole", help="of the lenses (pinhole)")
+    add(parser, "images", "IMAGES", "a folder, a glob or a video for each camera", nargs="+")
+    add(parser, "--board", "8x6", "inner corners of the board")
+    add(parser, "--square", "M", "side of a square in m", float)
+    add(parser, "--charuco", "M", "a ChArUco board with markers of this side in m", float)
+    add(parser, "--dictionary", "DICTIONARY", "of the ChArUco markers (DICT_4X4_250)", default="DICT_4X4_250")
+    add(parser, "--boards", "FILE", "several boards, in YAML", Path)
+    choose(parser, "--model", MODELS, "of the lenses (pinhole)", "pinhole")
     add_output(parser, "FILE", "rig file to write")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Detect, calibrate, write rig and report."""
     boards = _boards(arguments)
     check_free(arguments, arguments.output)
@@ -61,12 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
     for name, row in report["cameras"].items():
         held_out = row["held_out_rms_px"]
         print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")
-    unseen = [f"{board.name}: seen in no image" for board in boards if board.name not in {v.board for v in views}]
-    for line in (
-        [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + wrong_size + found.warnings
-    ):
+    dropped = [f"left out {name}: {why}" for name, why in found.dropped.items()]
+    unseen = {board.name for board in boards} - {view.board for view in views}
+    for line in (*dropped, *(f"{name}: seen in no image" for name in sorted(unseen)), *wrong_size, *found.warnings):
         print(f"warning: {line}")
-    return 0
 
 
 def _boards(arguments: argparse.Namespace) -> tuple[Board, ...]:

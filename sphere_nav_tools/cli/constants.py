@@ -6,9 +6,10 @@ drawn.
 
 # The page of an operator (operate/test_operate, operate/test_page)
 ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
-STOP_ANSWER_S = 1.0  # the same for an emergency stop
+STOP_ANSWER_S, LOAD_S = 1.0, 60.0  # the same for an emergency stop; to wait for a path or a map to be read
 WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
-PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
+PERIOD_S = 0.2  # between two looks at what was heard
+WANTED_S = 2.0  # since a page last wanted pictures, until none are sent
 ALIVE_S, ASK_S = 0.4, 0.2  # within which a browser has to answer where the dead-man switch is on; between two questions
 HELD_S, STRIDE_S, HOLD_HZ = 0.25, 0.05, 20.0  # since a held button was told of, until zero; how often it is sent, told
 NO_IMAGE_S, RATE_S = 3.0, 2.0  # without an image while a drive is recorded; over which their rate is told
@@ -17,15 +18,14 @@ SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; 
 # Who is let in to a page (test_gate)
 MIN_TOKEN = 8  # characters
 MAX_GUESSES, GUESS_S = 10, 1.0  # wrong tokens of one visitor at once; s until one more is looked at
-MAX_VISITORS = 1000  # whose guesses are remembered
-MAX_HEAD, MAX_OUTSIDE = 32 << 10, 64  # bytes of a request; connections that are not admitted
+MAX_VISITORS, MAX_KNOWN = 1000, 1000  # whose guesses are counted; wrong tokens that are remembered
+MAX_OUTSIDE = 64  # connections that are not admitted
 
 # A demonstration, and whether it goes on (demo/test_demo, demo/test_watch)
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
 PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
-STALL = 30.0  # s of simulated time without motion of the car that end a drive
-SILENCE = 600.0  # s of wall time without news that end one: kernels are compiled in two minutes on two quiet cores
+SILENCE = 600.0  # s in which the car stands that end one: kernels are compiled in two minutes on two quiet cores
 LOOK = 0.1  # s between two looks at what still runs
 MOVING = 0.05  # m/s, slower is standing
 

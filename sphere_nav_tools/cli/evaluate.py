@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
+from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
     ESTIMATE_TOPICS,
@@ -40,31 +41,26 @@ true direction of motion, longitudinal ahead along it, both in the horizontal pl
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
-    parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
-    parser.add_argument(
+    add(parser, "poses", "POSES", "estimated poses: TUM file, or a bag", Path)
+    add(parser, "truth", "TRUTH", "true poses: TUM file, or a bag", Path)
+    choose(
+        parser,
         "--align",
-        choices=(AUTO, *ALIGNMENTS),
-        default=AUTO,
-        help="move the estimate first (default: poses where map and truth have frames of their own, else none)",
+        (AUTO, *ALIGNMENTS),
+        "move the estimate first (default: poses where map and truth have frames of their own, else none)",
+        AUTO,
     )
-    parser.add_argument(
-        "--align-by", nargs=2, type=Path, metavar=("POSES", "TRUTH"), help="find the alignment on these"
-    )
-    parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
-    parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
-    parser.add_argument(
-        "--tolerance", type=read_positive, default=0.01, help="largest distance of paired stamps in s (0.01)"
-    )
-    parser.add_argument("--interpolate", action="store_true", help="interpolate the truth at every estimate's stamp")
-    parser.add_argument(
-        "--rpe", type=read_positive, default=1.0, metavar="M", help="stretch of the relative error in m (1)"
-    )
-    parser.add_argument("--truth-topic", help=f"topic of the truth in a bag (default: {' or '.join(TRUTH_TOPICS)})")
-    parser.add_argument("--poses-topic", help=f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
+    add(parser, "--align-by", ("POSES", "TRUTH"), "find the alignment on these", Path, nargs=2)
+    add(parser, "--json", "F", "write all numbers to this file", Path)
+    add(parser, "--plot", "F", "draw top view and errors over time (png, pdf or svg)", Path)
+    add(parser, "--tolerance", "S", "largest distance of paired stamps in s (0.01)", read_positive, default=0.01)
+    flag(parser, "--interpolate", "interpolate the truth at every estimate's stamp")
+    add(parser, "--rpe", "M", "stretch of the relative error in m (1)", read_positive, default=1.0)
+    add(parser, "--truth-topic", "TOPIC", f"topic of the truth in a bag (default: {' or '.join(TRUTH_TOPICS)})")
+    add(parser, "--poses-topic", "TOPIC", f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Pair, align, measure; print a table; write JSON and plot where asked."""
     estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
     truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
@@ -93,4 +89,3 @@ def run(arguments: argparse.Namespace) -> int:
         from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
         plot_figure.draw_localization(arguments.plot, estimate, judged, [])
-    return 0

@@ -19,13 +19,23 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from http import HTTPStatus
+from importlib.util import find_spec
 from io import StringIO
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote, unquote_to_bytes
 
-from sphere_nav_tools.cli.constants import GUESS_S, MAX_GUESSES, MAX_HEAD, MAX_OUTSIDE, MAX_VISITORS, MIN_TOKEN
+from sphere_nav.geometry import SE3
+from sphere_nav_tools.cli.arguments import add
+from sphere_nav_tools.cli.constants import (
+    GUESS_S,
+    MAX_GUESSES,
+    MAX_KNOWN,
+    MAX_OUTSIDE,
+    MAX_VISITORS,
+    MIN_TOKEN,
+)
 
 INSTALL = "pip install 'viser>=1.1,<2'"
 TOKEN_VARIABLE = "SPHERE_NAV_TOKEN"
@@ -36,34 +46,30 @@ FOREIGN_SITES = ("cross-site", "same-site")  # another port is another page, too
 Refusal = tuple[HTTPStatus, str]
 
 
-class Guesses:
-    """The wrong tokens of one visitor. One that comes again, as of an old page that reconnects, is no new guess."""
+class Address(NamedTuple):
+    """Of a page: the command that serves it, where, and the token."""
 
-    def __init__(self) -> None:
-        self.left, self.at = float(MAX_GUESSES), time.monotonic()
-        self.known: deque[int] = deque(maxlen=MAX_GUESSES)
+    command: str
+    host: str
+    port: int
+    token: str
 
-    def may_guess(self) -> bool:
-        """Whether another one is looked at now."""
-        now = time.monotonic()
-        self.left, self.at = min(self.left + (now - self.at) / GUESS_S, float(MAX_GUESSES)), now
-        return self.left >= 1.0
-
-    def count(self, guess: bytes) -> None:
-        """Remember a wrong one."""
-        self.left -= 1.0
-        self.known.append(hash(guess))
+    def link(self, port: int) -> str:
+        """Return the link to the page at a port; served at all addresses, it has the name of this machine."""
+        name = socket.gethostname() if self.host in ANYWHERE else bracketed(self.host)
+        return f"http://{name}:{port}/{quote(self.token, safe='')}"
 
 
 class Gate:
     """Judges requests by the host that they name, the page that they come from, and the token."""
 
-    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], str]] | None = None) -> None:
+    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], str]] = {}) -> None:
         """`host`: the address that is served at; `acts`: what answers, at once, who asks for a path."""
-        self._acts = acts or {}
+        self._acts = acts
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
-        self._guesses: dict[str, Guesses] = {}
+        self._paid_at: dict[str, float] = {}  # by network: when its wrong tokens are forgotten, one each GUESS_S
+        self._known = deque[int](maxlen=MAX_KNOWN)  # wrong ones: an old page that reconnects is no new guess
 
     def admit(self, connection: Any, request: Any) -> Any:
         """Return the answer that refuses a request; None where it goes on, the token taken off its path."""
@@ -95,40 +101,30 @@ class Gate:
         return found is not None and (found[1] in self._names or found[1] == bracketed(here))
 
     def _judge_token(self, guess: bytes, visitor: str) -> Refusal | None:
-        is_right, guesses = hmac.compare_digest(guess, self._token), self._guesses.get(visitor)
-        if is_right and guesses is None:
-            return None
         refusal = HTTPStatus.FORBIDDEN, "This page needs its token: use the printed link."
-        if not guess:
+        known = hash((visitor, guess))
+        if not guess or known in self._known:
             return refusal
-        if guesses is None:
-            if len(self._guesses) >= MAX_VISITORS:
-                self._guesses.pop(next(iter(self._guesses)))
-            guesses = self._guesses[visitor] = Guesses()
-        if hash(guess) in guesses.known:
-            return refusal
-        if not guesses.may_guess():
+        now = time.monotonic()
+        paid_at = max(self._paid_at.get(visitor, now), now)
+        if paid_at - now > (MAX_GUESSES - 1) * GUESS_S:
             return HTTPStatus.TOO_MANY_REQUESTS, f"Too many wrong tokens from here: wait {MAX_GUESSES * GUESS_S:g} s."
-        if is_right:
+        if hmac.compare_digest(guess, self._token):
             return None
-        guesses.count(guess)
+        if visitor not in self._paid_at and len(self._paid_at) >= MAX_VISITORS:
+            self._paid_at.pop(next(iter(self._paid_at)))
+        self._paid_at[visitor] = paid_at + GUESS_S
+        self._known.append(known)
         return refusal
 
 
 def own_names(host: str) -> frozenset[str]:
     """Return what a page at an address may be called; the address that a request has reached is one in any case."""
-    if is_loopback(host):
-        return LOCAL_NAMES
+    with suppress(ValueError):  # a name
+        if host == "localhost" or ipaddress.ip_address(host).is_loopback:
+            return LOCAL_NAMES
     machine = socket.gethostname().lower()
     return LOCAL_NAMES.union({machine, f"{machine}.local"}, () if host in ANYWHERE else {bracketed(host.lower())})
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is of this machine alone."""
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def bracketed(host: str) -> str:
@@ -141,17 +137,18 @@ def network_of(address: str) -> str:
     return str(ipaddress.ip_network((address.partition("%")[0], 64 if ":" in address else 32), strict=False))
 
 
-def link_to(host: str, port: int, token: str) -> str:
-    """Return the link to a page; served at all addresses, it has the name of this machine."""
-    name = socket.gethostname() if host in ANYWHERE else bracketed(host)
-    return f"http://{name}:{port}/{quote(token, safe='')}"
-
-
 def add_options(parser: argparse.ArgumentParser, port: int) -> None:
     """Declare where a page is served, and its token."""
-    parser.add_argument("--host", default="127.0.0.1", help="address to serve at (%(default)s: this machine only)")
-    parser.add_argument("--port", type=int, default=port, help="port, or the next free one (%(default)s)")
-    parser.add_argument("--token", default="", help=f"part of the link (a new one each time); also {TOKEN_VARIABLE}")
+    add(parser, "--host", "HOST", "address to serve at (%(default)s: this machine only)", default="127.0.0.1")
+    add(parser, "--port", "PORT", "port, or the next free one (%(default)s)", int, default=port)
+    add(parser, "--token", "TOKEN", f"part of the link (a new one each time); also {TOKEN_VARIABLE}", default="")
+
+
+def address_of(command: str, arguments: argparse.Namespace) -> Address:
+    """Return where a command serves its page; ValueError before anything starts where it cannot."""
+    if find_spec("viser") is None:
+        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}")
+    return Address(command, arguments.host, arguments.port, token_for(arguments.token))
 
 
 def token_for(given: str) -> str:
@@ -162,57 +159,41 @@ def token_for(given: str) -> str:
     return found or secrets.token_urlsafe(16)
 
 
-def import_viser(command: str) -> Any:
-    """Return the module; ValueError with what to type where it is missing."""
-    try:
-        import viser
-    except ImportError:
-        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
-    return viser
-
-
-def make_server(
-    command: str, host: str, port: int, token: str, acts: Mapping[str, Callable[[], str]] | None = None
-) -> Any:
+def make_server(address: Address, acts: Mapping[str, Callable[[], str]] = {}) -> Any:
     """Return a server of pages behind its gate; ValueError where the gate cannot be put before it.
 
     `acts`: what a page may ask for without its websocket, by path.
     """
-    viser = import_viser(command)
+    import viser
 
-    class Server(viser.ViserServer):  # type: ignore[name-defined]
+    class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> str | None:
             """Refuse: no page goes through a tunnel of others because a browser asks for it."""
             return None
 
-    gate = Gate(host, token, acts)
+    gate = Gate(address.host, address.token, acts)
     with gated(gate), redirect_stdout(StringIO()):  # where viser tells a link without the token
-        server = Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
+        server = Server(address.host, address.port, label=f"sphere_nav {address.command}", verbose=False)
     if not gate.is_closed:
         server.stop()
-        raise ValueError(f"{command}: expected a viser that websockets serves, found {viser.__version__}: {INSTALL}")
+        found = f"found {viser.__version__}: {INSTALL}"
+        raise ValueError(f"{address.command}: expected a viser that websockets serves, {found}")
     return server
 
 
 class WebPage:
     """A page behind the gate, for any number of browsers until `close`."""
 
-    def __init__(
-        self,
-        command: str,
-        place: tuple[str, int],
-        token: str,
-        acts: Mapping[str, Callable[[], str]] | None = None,
-    ) -> None:
-        """`place`: host and port; `token` and `acts` as of `make_server`."""
-        self.closed, (self._host, port), self._token = threading.Event(), place, token
-        self.server = make_server(command, self._host, port, token, acts)
+    def __init__(self, address: Address, acts: Mapping[str, Callable[[], str]] = {}) -> None:
+        """`acts`: as of `make_server`."""
+        self.closed, self._address = threading.Event(), address
+        self.server = make_server(address, acts)
         self.server.scene.set_up_direction("+z")
 
     @property
     def url(self) -> str:
         """The link that leads to it."""
-        return link_to(self._host, int(self.server.get_port()), self._token)
+        return self._address.link(int(self.server.get_port()))
 
     def close(self) -> None:
         """End the page and the threads of its browsers."""
@@ -222,6 +203,12 @@ class WebPage:
     def has(self, client: Any) -> bool:
         """Whether a browser is still there."""
         return not self.closed.is_set() and client.client_id in self.server.get_clients()
+
+
+def browser_pose(camera: Any) -> SE3:
+    """Return T_map_camera of a browser's camera: z forward, x right, y down, as ours."""
+    w, x, y, z = camera.wxyz
+    return SE3.from_quaternion([x, y, z, w], camera.position)
 
 
 @contextmanager
@@ -253,22 +240,15 @@ def is_of_interest(record: logging.LogRecord) -> bool:
 
 
 def doorway(base: Any) -> Any:
-    """Return a kind of connection that keeps little while it is not admitted; of too many such, the oldest goes."""
+    """Return a kind of connection of which, while it is not admitted, there are a few only: the oldest goes."""
 
     class Doorway(base):
-        is_admitted, heard = False, 0
+        is_admitted = False
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
             outside = [one for one in self.server.handlers if not (one.is_admitted or one.transport.is_closing())]
             if len(outside) > MAX_OUTSIDE:
                 outside[0].transport.abort()
-
-        def data_received(self, data: bytes) -> None:
-            self.heard += len(data)
-            if self.is_admitted or self.heard <= MAX_HEAD:
-                super().data_received(data)
-            else:
-                self.transport.abort()
 
     return Doorway

@@ -12,6 +12,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
+from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
@@ -67,81 +68,63 @@ LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("format", choices=READERS, help="what kind of data set it is")
-    parser.add_argument("folder", type=Path, metavar="DIR", help="its folder")
+    choose(parser, "format", READERS, "what kind of data set it is")
+    add(parser, "folder", "DIR", "its folder", Path)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="BAG", help="bag to make (a folder)")
-    parser.add_argument(
-        "--frames", type=frame_range, default=slice(None), metavar="A:B[:STEP]", help="B is not included"
-    )
-    _add_camera_arguments(parser)
-
-
-def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
+    add(parser, "--frames", "A:B[:STEP]", "B is not included", frame_range, default=slice(None))
     rgbd = parser.add_argument_group("seven_scenes, tum, rover, images")
-    rgbd.add_argument(
+    add(
+        rgbd,
         "--camera",
-        type=floats(f"4 to 12 numbers {LENS}", 4, 12),
-        metavar=LENS,
-        help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
+        LENS,
+        "(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
+        floats(f"4 to 12 floats {LENS}", 4, 12),
     )
     images = parser.add_argument_group("images")
-    images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
-    images.add_argument("--panorama", action="store_true", help="of a 360 camera, equirectangular, 2 H x H")
-    images.add_argument("--baseline", type=read_positive, metavar="M", help="m from left to right, or top to bottom")
-    images.add_argument("--fps", type=read_positive, metavar="N", help="images a second, unstamped (a video's own; 10)")
-    _add_kinect_arguments(parser)
-    tum = parser.add_argument_group("tum")
-    tum.add_argument("--depth-units", type=float, default=5000.0, metavar="N", help="depth units per m (%(default)s)")
-
-
-def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
+    add(images, "--rig", "FILE", "rig file of the cameras", Path)
+    flag(images, "--panorama", "of a 360 camera, equirectangular, 2 H x H")
+    add(images, "--baseline", "M", "m from left to right, or top to bottom", read_positive)
+    add(images, "--fps", "N", "images a second, unstamped (a video's own; 10)", read_positive)
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
-    kinect.add_argument(
-        "--truth-camera",
-        choices=("depth", "colour"),
-        default="depth",
-        help="whose poses the data set gives (%(default)s)",
-    )
-    kinect.add_argument(
-        "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
-    )
+    choose(kinect, "--truth-camera", ("depth", "colour"), "whose poses the data set gives (%(default)s)", "depth")
+    add(kinect, "--poses", "DIR", "folder of other frame-*.pose.txt (that of the images)", Path)
+    tum = parser.add_argument_group("tum")
+    add(tum, "--depth-units", "N", "depth units per m (%(default)s)", float, default=5000.0)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the bag."""
     recording = READERS[arguments.format](arguments)
     indices = range(len(recording.instants))[arguments.frames]
     if not indices:
         raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
-        write_frames(bag, recording, progress("import", "frame", indices))
+        write_frames(bag, recording, indices)
     if recording.write_beside is not None:
         recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth or 'none'}")
-    return 0
 
 
-def _seven_scenes(arguments: argparse.Namespace) -> Recording:
-    depth_camera, T_color_depth = kinect_camera(LENSES["seven_scenes depth"]), SE3.from_planar(-0.025, 0.0, 0.0)
-    return open_seven_scenes(
-        arguments.folder,
-        kinect_camera(arguments.camera or LENSES["seven_scenes"]),
-        (depth_camera, T_color_depth),
-        is_truth_of_depth=arguments.truth_camera == "depth",
-        poses=arguments.poses,
-    )
+def _seven_scenes(given: argparse.Namespace) -> Recording:
+    camera = kinect_camera(given.camera or LENSES["seven_scenes"])
+    depth = kinect_camera(LENSES["seven_scenes depth"]), SE3.from_planar(-0.025, 0.0, 0.0)  # T_color_depth
+    is_truth_of_depth = given.truth_camera == "depth"
+    return open_seven_scenes(given.folder, camera, depth, is_truth_of_depth=is_truth_of_depth, poses=given.poses)
 
 
+PLAIN: dict[str, Callable[[Path], Recording]] = {  # those that are a folder and nothing else
+    "openloris": open_openloris,
+    "kitti": open_kitti,
+    "euroc": open_euroc,
+    "four_seasons": open_four_seasons,
+    "nclt": open_nclt,
+    "spherical": open_spherical,
+}
 READERS: dict[str, Callable[[argparse.Namespace], Recording]] = {
     "seven_scenes": _seven_scenes,
     "tum": lambda given: open_tum(given.folder, kinect_camera(given.camera or LENSES["tum"]), given.depth_units),
-    "openloris": lambda given: open_openloris(given.folder),
     "rover": lambda given: open_rover(given.folder, kinect_camera(given.camera or LENSES["rover"])),
-    "kitti": lambda given: open_kitti(given.folder),
-    "euroc": lambda given: open_euroc(given.folder),
-    "four_seasons": lambda given: open_four_seasons(given.folder),
-    "nclt": lambda given: open_nclt(given.folder),
-    "spherical": lambda given: open_spherical(given.folder),
+    **dict.fromkeys(PLAIN, lambda given: PLAIN[given.format](given.folder)),
     "images": lambda given: open_images(
         given.folder, given.rig, given.camera, given.baseline, given.fps, is_panorama=given.panorama
     ),
@@ -156,11 +139,11 @@ def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
 
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:
     """Write `/tf_static` and then every message of the frames, at its own stamp."""
-    for count, index in enumerate(indices):
+    first = recording.instants[indices[0]].stamp_ns
+    bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
+    bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(first)), first)
+    for index in progress("import", "frame", indices):
         stamp = recording.instants[index].stamp_ns
-        if count == 0:
-            bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
-            bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(stamp)), stamp)
         for topic, message in recording.frame(index):
             is_large = topic.endswith(("image_raw", "sphere"))
             bag.add_topic(topic, type(message), qos.LARGE if is_large else qos.STATE)

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.shared_files import share_file
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.up import parse
 
 HELP = """\
@@ -32,12 +33,12 @@ FIND_SROS2 = "ros2 security: expected the tools of the package sros2 (apt instal
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("folder", metavar="FOLDER", help="keystore; what is in it already is kept")
-    parser.add_argument("name", metavar="NAME", choices=tuple(COMPOSITIONS), help="what is to be started")
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT:=VALUE", help="the same as of sphere_nav up NAME")
+    add(parser, "folder", "FOLDER", "keystore; what is in it already is kept")
+    add(parser, "name", "NAME", "what is to be started", choices=tuple(COMPOSITIONS))
+    add(parser, "arguments", "ARGUMENT:=VALUE", "the same as of sphere_nav up NAME", nargs="*")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Have `ros2 security` make the keys; ValueError where it cannot."""
     starts = COMPOSITIONS[arguments.name].starts(parse(arguments.arguments))
     ros2 = shutil.which("ros2")
@@ -49,10 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
         command = [ros2, "security", "generate_artifacts", "-k", arguments.folder, "-p", str(file)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, umask=0o077)  # keys are ours alone
     if done.returncode:
-        said = (done.stdout + done.stderr).split("\n")
-        raise ValueError(f"{FIND_SROS2}, found: {next((line for line in reversed(said) if line), 'no word of it')}")
+        said = (done.stdout + done.stderr).rstrip().rpartition("\n")[2]
+        raise ValueError(f"{FIND_SROS2}, found: {said or 'no word of it'}")
     print(f"{arguments.folder}: keys for domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
-    return 0
 
 
 def policy_of(starts: Sequence[NodeStart]) -> ElementTree.ElementTree[ElementTree.Element]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import localizing
 
 HELP = """\
@@ -28,8 +29,8 @@ TOPICS = ("/pose", "/odometry", "/status", "/tf")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`")
-    parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
+    add(parser, "map", "MAP", "map made by `sphere_nav map`")
+    add(parser, "source", "BAG", "bag with images and camera_info")
     localizing.add_arguments(parser, "dense_localizer")
 
 

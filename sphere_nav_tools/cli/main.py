@@ -1,6 +1,7 @@
-"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments) -> int`.
+"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments)`.
 
-Exit status: 0 done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130 interrupted.
+`run` returns the exit status: 0 or None done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
@@ -74,7 +74,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _dispatch(words: list[str]) -> int:
     if words and words[0] in COMMANDS:
         module = importlib.import_module(f"sphere_nav_tools.cli.{COMMANDS[words[0]][0]}")
-        arguments = _parser(words[0], module).parse_args(words[1:])
+        raw = argparse.RawDescriptionHelpFormatter
+        parser = _Parser(f"sphere_nav {words[0]}", None, module.HELP, formatter_class=raw, allow_abbrev=False)
+        module.add_arguments(parser)
+        arguments = parser.parse_args(words[1:])
         for name, value in vars(arguments).items():
             setattr(arguments, name, [at_home(one) for one in value] if isinstance(value, list) else at_home(value))
         arguments.words = words
@@ -110,39 +113,23 @@ def _log_at_the_end() -> Iterator[None]:
 class _Parser(argparse.ArgumentParser):
     """Tells a mistake in one line, and takes -0.1,0,1 behind an option for its value."""
 
-    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
-        words = list[str]()
-        for word in args:
-            if words and re.fullmatch(r"--[\w-]+", words[-1]) and re.match(r"-\.?\d", word):
-                words[-1] += f"={word}"
-            else:
-                words.append(word)
-        return super().parse_known_args(words, namespace)
+    def __init__(self, *words: Any, **options: Any) -> None:
+        super().__init__(*words, **options)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (--help explains)\n")
 
 
-def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog=f"sphere_nav {name}",
-        description=module.HELP,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    module.add_arguments(parser)
-    return parser
-
-
 def _overview() -> str:
-    lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
-    lines += columns((f"  {name}", summary) for name, (_, summary) in COMMANDS.items())
-    lines += [
-        "",
-        "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
-        f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            "usage: sphere_nav COMMAND ...\n\nTeach a vehicle a place once, then drive there by one camera.\n",
+            *columns((f"  {name}", summary) for name, (_, summary) in COMMANDS.items()),
+            "\n'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
+            f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
+        ]
+    )
 
 
 if __name__ == "__main__":

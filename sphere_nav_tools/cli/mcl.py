@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from mcl_depth.ros.node import MclDepthNode
 from mcl_depth.site import PRESETS
 from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing, topics
 
@@ -29,15 +30,10 @@ TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/tr
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("cloud", metavar="CLOUD", help="geometry to localise in")
-    parser.add_argument("source", metavar="BAG", help="bag with images, camera_info or sphere_info, and odometry")
-    parser.add_argument("--preset", choices=("auto", *PRESETS), default="auto", help="surroundings (by the cloud)")
-    parser.add_argument(
-        "--origin",
-        default="",
-        metavar="E,N,H",
-        help="of the survey in m at the origin of the map (chosen, where needed)",
-    )
+    add(parser, "cloud", "CLOUD", "geometry to localise in")
+    add(parser, "source", "BAG", "bag with images, camera_info or sphere_info, and odometry")
+    choose(parser, "--preset", ("auto", *PRESETS), "surroundings (by the cloud)", "auto")
+    add(parser, "--origin", "E,N,H", "of the survey in m at the origin of the map (chosen, where needed)", default="")
     localizing.add_arguments(parser, "mcl_depth")
 
 

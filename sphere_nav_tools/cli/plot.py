@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.evaluation import AUTO, describe_alignment
 from sphere_nav_tools.offline.localizing import describe_states
 from sphere_nav_tools.offline.pose_bags import read_poses
@@ -34,21 +35,22 @@ ENDINGS = (".png", ".pdf", ".svg")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="recording with pose and status")
+    add(parser, "bag", "BAG", "recording with pose and status", Path)
     add_output(parser, "FILE", "picture to write")
-    parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
-    parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
-    parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
-    parser.add_argument(
+    add(parser, "--pose", "TOPIC", "poses (found by name)")
+    add(parser, "--status", "TOPIC", "status of the localiser (found by type)")
+    add(parser, "--truth", "F", "true poses: TUM file, or a bag (those in BAG)", Path)
+    choose(
+        parser,
         "--align",
-        choices=(AUTO, *ALIGNMENTS),
-        default=AUTO,
-        help="move the poses to the truth (default: where that has a frame of its own)",
+        (AUTO, *ALIGNMENTS),
+        "move the poses to the truth (default: where that has a frame of its own)",
+        AUTO,
     )
-    parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
+    add(parser, "--map", "MAP", "the map it was localised in: show its experiences", Path)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read, measure, draw; 1 if there is neither a pose nor a status."""
     output = arguments.output
     check_ending(output, ENDINGS)
@@ -72,4 +74,3 @@ def run(arguments: argparse.Namespace) -> int:
     told = [*describe_states(statuses), *plot_figure.describe_experiences(served)]
     told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
-    return 0

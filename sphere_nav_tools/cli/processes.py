@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import yaml
 
+from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav.ros.shared_files import node_entry
 
@@ -33,6 +34,24 @@ def python_command(code: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
 
 
+def start_command(start: NodeStart, folder: Path) -> list[str]:
+    """Return the command of a node as it is described; its parameters go into a file of a folder."""
+    return node_command(start.node, *ros_arguments(start, folder / f"{start.node}.yaml"))
+
+
+def ros_arguments(start: NodeStart, file: Path) -> list[str]:
+    """Return the words after a node's name; its parameters go into a file, the site's before it."""
+    values = {"/**": {"ros__parameters": dict(start.parameters)}}
+    file.write_text(yaml.safe_dump(values), encoding="utf-8")
+    words = ["--ros-args", *(["-r", f"__ns:=/{start.namespace}"] if start.namespace else [])]
+    words += ["--enclave", start.enclave] if start.enclave else []
+    for topic, target in start.topics.items():
+        words += ["-r", f"{topic}:={target}"]
+    for parameters in (start.site, str(file)):
+        words += ["--params-file", parameters] if parameters else []
+    return words
+
+
 class Processes:
     """Starts processes, and ends them all when it is left; what they print goes to a folder, or where ours goes."""
 
@@ -40,19 +59,14 @@ class Processes:
         """In a domain, seen by this machine alone; None: as this process is."""
         own = {"ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self.folder, self._is_kept = folder or Path(), folder is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
         self.environment = os.environ | (own if domain_id is not None else {})
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
-        parameters = self.folder / f"{node}.yaml"
-        parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        self.begin(node, node_command(node, "--ros-args", "--params-file", str(parameters)))
-
-    def run(self, name: str, code: str, *words: str) -> None:
-        """Run Python code as a process."""
-        self.begin(name, python_command(code, *words))
+        self.begin(node, start_command(NodeStart(node, values), self.folder))
 
     def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
         """Start a process, and return it."""
@@ -85,14 +99,13 @@ class Processes:
         """Return the last line that a process printed, empty where it said nothing."""
         with (self.folder / f"{name}.log").open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - TAIL))
-            lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+            said = log.read().decode("utf-8", "replace").replace("\r", "\n")
+        return said.rstrip().rpartition("\n")[2].strip()
 
     def stop(self, name: str) -> int:
         """End a process as Ctrl-C would, by force if it does not; return its status."""
         process = self.running.pop(name)
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
         try:
             return process.wait(END_PATIENCE_S)
         except subprocess.TimeoutExpired:
@@ -113,5 +126,9 @@ class Processes:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """End what still runs."""
+        self.close()
+
+    def close(self) -> None:
+        """End what still runs; nothing can be started any more."""
         self.end()
         self._starter.shutdown()

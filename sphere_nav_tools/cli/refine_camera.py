@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from rig_calibration.drive.proof import LensProof
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.refine_camera import (
     RecordedDrive,
@@ -37,11 +38,11 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`, best by another camera")
-    parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
+    add(parser, "map", "MAP", "map made by `sphere_nav map`, best by another camera")
+    add(parser, "source", "BAG", "bag with images and camera_info")
     add_output(parser, "YAML", "calibration to write")
-    parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
-    parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
+    add(parser, "--images", "N", "images that are compared (%(default)s)", int, default=40)
+    add(parser, "--readout", "S", "where to start, s (%(default)s)", float, default=0.0)
     topics.add_options(parser)
     add_settings(parser, "dense_localizer")
 

@@ -8,6 +8,7 @@ import sys
 
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.sphere_source import read_sphere
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
@@ -31,20 +32,12 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("a", metavar="A", help="reference, with range")
-    parser.add_argument("b", metavar="B", help="what is aligned with it")
-    parser.add_argument("--camera", type=floats("FX,FY,CX,CY", 4), metavar="FX,FY,CX,CY", help="px, of image files")
-    parser.add_argument("--baseline", type=read_positive, metavar="M", help="m; the files are rectified stereo pairs")
-    parser.add_argument(
-        "--depth-units", type=float, default=1000.0, metavar="N", help="depth units per m (%(default)s)"
-    )
-    parser.add_argument(
-        "--guess",
-        type=read_pose,
-        default=SE3.identity(),
-        metavar="x,y,z,qx,qy,qz,qw",
-        help="first guess of T_a_b (identity)",
-    )
+    add(parser, "a", "A", "reference, with range")
+    add(parser, "b", "B", "what is aligned with it")
+    add(parser, "--camera", "FX,FY,CX,CY", "px, of image files", floats("FX,FY,CX,CY", 4))
+    add(parser, "--baseline", "M", "m; the files are rectified stereo pairs", read_positive)
+    add(parser, "--depth-units", "N", "depth units per m (%(default)s)", float, default=1000.0)
+    add(parser, "--guess", "x,y,z,qx,qy,qz,qw", "first guess of T_a_b (identity)", read_pose, default=SE3.identity())
     topics.add_options(parser, has_cameras=False)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +16,8 @@ from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
+from sphere_nav_tools.cli.arguments import add, choose, flag
+from sphere_nav_tools.offline.settings import SettingAction, add_output, read_positive, read_size
 
 HELP = """\
 A calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml.
@@ -36,24 +39,20 @@ refused by name.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="calibration; two for OpenCV's stereo pair")
-    parser.add_argument("--format", choices=FORMATS, help="of the file (told by its content)")
-    parser.add_argument(
-        "--frame", choices=FRAMES, default="camera", help="the first camera looks along +x, or axes of the IMU (camera)"
-    )
-    parser.add_argument(
-        "--size", type=read_size, metavar="WxH", help="of the images, where an OpenCV file does not tell"
-    )
-    parser.add_argument("--model", choices=("pinhole", "fisheye"), help="where an OpenCV file does not tell (pinhole)")
-    parser.add_argument("--unit", type=read_positive, default=1.0, metavar="M", help="length of OpenCV's unit in m (1)")
-    parser.add_argument("--join", action="store_true", help="merge several camchains into one rig")
-    for option, what in (("mask", "image, 0 where the camera must not be used"), ("level", "top or bottom")):
-        parser.add_argument(f"--{option}", action="append", default=[], metavar="CAMERA=" + option.upper(), help=what)
-    parser.add_argument("--exposure-group", action="append", default=[], metavar="CAMERA=GROUP", help="of one exposure")
+    add(parser, "files", "FILE", "calibration; two for OpenCV's stereo pair", Path, nargs="+")
+    choose(parser, "--format", FORMATS, "of the file (told by its content)")
+    choose(parser, "--frame", FRAMES, "the first camera looks along +x, or axes of the IMU (camera)", "camera")
+    add(parser, "--size", "WxH", "of the images, where an OpenCV file does not tell", read_size)
+    choose(parser, "--model", ("pinhole", "fisheye"), "where an OpenCV file does not tell (pinhole)")
+    add(parser, "--unit", "M", "length of OpenCV's unit in m (1)", read_positive, default=1.0)
+    flag(parser, "--join", "merge several camchains into one rig")
+    add(parser, "--mask", "CAMERA=MASK", "image, 0 where the camera must not be used", action=SettingAction, default={})
+    add(parser, "--level", "CAMERA=LEVEL", "top or bottom", action=SettingAction, default={})
+    add(parser, "--exposure-group", "CAMERA=GROUP", "of one exposure", action=SettingAction, default={})
     add_output(parser, "FILE", "rig file to write")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read, tell what was found, write."""
     found = read_foreign_cameras(
         arguments.files,
@@ -71,7 +70,6 @@ def run(arguments: argparse.Namespace) -> int:
         ahead = part.T_rig_camera.rotation[:, 2]
         yaw, pitch = np.degrees([math.atan2(ahead[1], ahead[0]), math.asin(float(np.clip(ahead[2], -1.0, 1.0)))])
         print(f"{part.name}: {part.camera.model} at {position} m, looks {yaw:.1f}° to the left, {pitch:.1f}° up")
-    return 0
 
 
 def _with_options(rig: Rig, arguments: argparse.Namespace) -> Rig:
@@ -95,12 +93,9 @@ def _with_options(rig: Rig, arguments: argparse.Namespace) -> Rig:
     return Rig(tuple(parts), rig.name, rig.version)
 
 
-def _by_camera(rig: Rig, option: str, words: list[str]) -> dict[str, str]:
-    """Return values by camera of words CAMERA=VALUE."""
-    found = {}
-    for word in words:
-        name, separator, value = word.partition("=")
-        if not separator or not value or name not in rig.names:
-            raise ValueError(f"{option}: expected CAMERA=VALUE with one of {', '.join(rig.names)}, found {word!r}")
-        found[name] = value
-    return found
+def _by_camera(rig: Rig, option: str, found: Mapping[str, Any]) -> dict[str, str]:
+    """Return values by camera; ValueError for a camera that the rig has not, or without a value."""
+    for name, value in found.items():
+        if name not in rig.names or value is None:
+            raise ValueError(f"{option}: expected CAMERA=VALUE with one of {', '.join(rig.names)}, found {name!r}")
+    return {name: str(value) for name, value in found.items()}

@@ -11,7 +11,7 @@ import numpy as np
 from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
-from sphere_nav.geometry.files.untrusted import number
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, floats
 
 HELP = """\
@@ -40,57 +40,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of each word."""
     words = parser.add_subparsers(dest="word", required=True, metavar="build|name|show|plan|export")
     build = words.add_parser("build", help="make the network of drives")
-    build.add_argument("map", type=Path, metavar="MAP", help="map of the drives; or the .geojson file to write")
-    build.add_argument("drives", type=Path, nargs="+", metavar="DRIVE", help="taught paths, the first begins at `home`")
-    build.add_argument("--reversible", action="store_true", help="all edges may be driven backwards, too")
-    build.add_argument("--dry-run", action="store_true", help="show what would be made, write nothing but the plot")
+    add(build, "map", "MAP", "map of the drives; or the .geojson file to write", Path)
+    add(build, "drives", "DRIVE", "taught paths, the first begins at `home`", Path, nargs="+")
+    flag(build, "--reversible", "all edges may be driven backwards, too")
+    flag(build, "--dry-run", "show what would be made, write nothing but the plot")
     add_overwrite(build)
     name = words.add_parser("name", help="give a name to a place")
-    name.add_argument("name", metavar="NAME", help="of the place")
+    add(name, "name", "NAME", "of the place")
     _add_network(name)
-    name.add_argument(
+    add(
+        name,
         "--at",
-        type=floats("X,Y or X,Y,YAW", 2, 3),
+        "X,Y[,YAW]",
+        "m, m and deg in the map; of several lanes the one that heads so",
+        floats("X,Y or X,Y,YAW", 2, 3),
         required=True,
-        metavar="X,Y[,YAW]",
-        help="m, m and deg in the map; of several lanes the one that heads so",
     )
     _add_network(words.add_parser("show", help="tell what is in a network"))
     way = words.add_parser("plan", help="tell the way between two places")
     _add_network(way)
-    way.add_argument("start", metavar="FROM", help="place")
-    way.add_argument("goal", metavar="TO", help="place")
+    add(way, "start", "FROM", "place")
+    add(way, "goal", "TO", "place")
     export = words.add_parser("export", help="write the network, or a way on it")
     _add_network(export)
     export.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".geojson or .csv")
-    export.add_argument("--from", dest="start", metavar="PLACE", help=".csv: begin of the way")
-    export.add_argument("--to", dest="goal", metavar="PLACE", help=".csv: end of the way")
+    add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
+    add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
     for word in (way, export):
-        word.add_argument("--closed", default="", metavar="N,N", help="edges that are not driven")
-        word.add_argument("--cruise", type=float, default=1.4, metavar="M/S", help="largest speed (%(default)s)")
+        add(word, "--closed", "N,N", "edges that are not driven", floats("N,N", 1, 1000), default=())
+        add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
     for word in (build, words.choices["show"], way):
-        word.add_argument("--plot", type=Path, metavar="FILE", help=f"picture to write ({', '.join(ENDINGS)})")
+        add(word, "--plot", "FILE", f"picture to write ({', '.join(ENDINGS)})", Path)
 
 
 def _add_network(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("network", type=Path, metavar="NETWORK", help="a map that has one, or a .geojson file")
+    add(parser, "network", "NETWORK", "a map that has one, or a .geojson file", Path)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int | None:
     """Carry out one word."""
-    words: dict[str, Callable[[argparse.Namespace], int]] = {
+    if getattr(arguments, "plot", None) is not None:
+        check_ending(arguments.plot, ENDINGS)
+    words: dict[str, Callable[..., int | None]] = {
         "build": make_network,
         "name": name_place,
         "show": show,
         "plan": plan_way,
         "export": export,
     }
-    if getattr(arguments, "plot", None) is not None:
-        check_ending(arguments.plot, ENDINGS)
     return words[arguments.word](arguments)
 
 
-def make_network(arguments: argparse.Namespace) -> int:
+def make_network(arguments: argparse.Namespace) -> None:
     """Make, show, and keep a network."""
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
@@ -108,10 +109,9 @@ def make_network(arguments: argparse.Namespace) -> int:
     else:
         write_network(output, network)
         print(f"{output}: written")
-    return 0
 
 
-def name_place(arguments: argparse.Namespace) -> int:
+def name_place(arguments: argparse.Namespace) -> None:
     """Name a place."""
     from sphere_nav_tools.offline import routes
 
@@ -124,17 +124,15 @@ def name_place(arguments: argparse.Namespace) -> int:
     print(
         f"{path}: {arguments.name} is node {node.id} at {node.pose.x:.2f}, {node.pose.y:.2f}, heading {heading:.0f} deg"
     )
-    return 0
 
 
-def show(arguments: argparse.Namespace) -> int:
+def show(arguments: argparse.Namespace) -> None:
     """Tell what is in a network."""
     from sphere_nav_tools.offline import routes
 
     network = read_network(network_path(arguments.network))
     print("\n".join(routes.describe(network)))
     _plot(arguments, network)
-    return 0
 
 
 def plan_way(arguments: argparse.Namespace) -> int:
@@ -154,24 +152,23 @@ def plan_way(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def export(arguments: argparse.Namespace) -> int:
+def export(arguments: argparse.Namespace) -> None:
     """Write a network, or a way on it."""
     network, output = read_network(network_path(arguments.network)), arguments.output
     if output.suffix == ".geojson":
         output.write_text(to_geojson(network, is_dense=False), encoding="utf-8")
         print(f"{output}: {len(network.nodes)} nodes, {len(network.edges)} edges")
-        return 0
+        return
     if output.suffix != ".csv" or not (arguments.start and arguments.goal):
         raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
     from sphere_nav_tools.offline import routes
 
     course = routes.write_way(output, network, _way(network, arguments))
     print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
-    return 0
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
-    closed = {int(number(word, "--closed")) for word in arguments.closed.split(",") if word.strip()}
+    closed = {int(edge) for edge in arguments.closed}
     if unknown := closed - set(network.edges):
         raise ValueError(f"--closed: expected edges of the network, found {sorted(unknown)[0]}")
     starts, goals = (network.spots_of(network.node_of(place)) for place in (arguments.start, arguments.goal))

@@ -11,11 +11,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import yaml
-
-from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
+from sphere_nav.ros.compositions import COMPOSITIONS, Composition, after_exit
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import LOOK
-from sphere_nav_tools.cli.processes import Processes, node_command
+from sphere_nav_tools.cli.processes import Processes, start_command
 from sphere_nav_tools.offline.tables import columns
 
 LISTING = "\n".join(columns((f"  {name}", composition.purpose) for name, composition in COMPOSITIONS.items()))
@@ -35,8 +34,8 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("name", metavar="NAME", choices=tuple(COMPOSITIONS), help="what to start")
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT:=VALUE", help="as ros2 launch takes them")
+    add(parser, "name", "NAME", "what to start", choices=tuple(COMPOSITIONS))
+    add(parser, "arguments", "ARGUMENT:=VALUE", "as ros2 launch takes them", nargs="*")
     parser.add_argument("-s", "--show-args", action="store_true", help="show the arguments and start nothing")
 
 
@@ -49,10 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     starts = composition.ready(parse(arguments.arguments))
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
     with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, Processes() as nodes:
-        files = (Path(folder) / f"{start.node}.yaml" for start in starts)
-        words = {start.node: ros_arguments(start, file) for start, file in zip(starts, files, strict=True)}
         try:
-            status = watch(nodes, {node: node_command(node, *words[node]) for node in words})
+            status = watch(nodes, {start.node: start_command(start, Path(folder)) for start in starts})
         except KeyboardInterrupt:
             status = 0
         statuses = nodes.end()
@@ -78,19 +75,6 @@ def argument_table(composition: Composition) -> str:
         choices = f", one of {', '.join(argument.choices)}" if argument.choices else ""
         rows.append((f"  {name}", f"{argument.meaning} ({default}{choices})"))
     return "\n".join([f"{composition.purpose}; arguments as NAME:=VALUE", *columns(rows)])
-
-
-def ros_arguments(start: NodeStart, file: Path) -> list[str]:
-    """Return the words after a node's name; its parameters go into a file, the site's before it."""
-    values = {"/**": {"ros__parameters": dict(start.parameters)}}
-    file.write_text(yaml.safe_dump(values), encoding="utf-8")
-    words = ["--ros-args", *(["-r", f"__ns:=/{start.namespace}"] if start.namespace else [])]
-    words += ["--enclave", start.enclave] if start.enclave else []
-    for topic, target in start.topics.items():
-        words += ["-r", f"{topic}:={target}"]
-    for parameters in (start.site, str(file)):
-        words += ["--params-file", parameters] if parameters else []
-    return words
 
 
 def watch(nodes: Processes, commands: Mapping[str, list[str]]) -> int:

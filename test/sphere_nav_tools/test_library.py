@@ -6,25 +6,21 @@ import sys
 import numpy as np
 import pytest
 from geometry_msgs.msg import Twist
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus, TrackingError
 
 import sphere_nav
 from architecture.tree import ROOT
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
-from sphere_nav.ros import qos
-from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools import library
 from worlds.localizer import drive, make_map
+from worlds.recordings import stamp, write_bag
 from worlds.room import wide_room
 
 CAMERA = Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, -0.01, 0.0, 0.0))
 TOPIC, INFO = "/cameras/top_front/image_raw", "/cameras/top_front/camera_info"
-ODOMETRY = "/odom", "/ground_truth/odometry"
 STEP_NS = 50_000_000
 NUM_IMAGES = 22
 
@@ -34,26 +30,21 @@ def demo(tmp_path_factory):
     """What a demo leaves, of a room: a map, and a recorded drive with odometry and truth."""
     folder, room = tmp_path_factory.mktemp("demo"), wide_room()
     save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)]).graph)
-    with BagWriter(folder / "teach") as bag:
-        for topic, kind in (
-            (TOPIC, Image),
-            (INFO, CameraInfo),
-            ("/odom", Odometry),
-            ("/ground_truth/odometry", Odometry),
-        ):
-            bag.add_topic(topic, kind, qos.STATE)
-        for k, T_map_camera in enumerate(drive(NUM_IMAGES)):
-            stamp, T_map_base = 1_000_000_000 + k * STEP_NS, T_map_camera @ T_BODY_OPTICAL.inverse()
-            bag.write(INFO, camera_to_info(CAMERA, stamp, "optical"), stamp)
-            image = np.repeat(room.photograph(CAMERA, T_map_camera, k)[..., None], 3, axis=2)
-            bag.write(TOPIC, array_to_image(image, stamp, "optical", "rgb8"), stamp)
-            for topic in ODOMETRY:
-                bag.write(topic, se3_to_odometry(T_map_base, np.zeros((6, 6)), stamp, ("odom", "base_link")), stamp)
-    with BagWriter(folder / "drive") as bag:
-        for topic, kind in (("/cmd_vel", Twist), ("/tracking_error", TrackingError), ("/status", LocalizationStatus)):
-            bag.add_topic(topic, kind, qos.STATE)
-            for k in range(NUM_IMAGES):
-                bag.write(topic, kind(), 1_000_000_000 + k * STEP_NS)
+
+    def teach(k):
+        T_map_camera = drive(NUM_IMAGES)[k]
+        T_map_base = T_map_camera @ T_BODY_OPTICAL.inverse()
+        yield INFO, camera_to_info(CAMERA, stamp(k), "optical")
+        image = np.repeat(room.photograph(CAMERA, T_map_camera, k)[..., None], 3, axis=2)
+        yield TOPIC, array_to_image(image, stamp(k), "optical", "rgb8")
+        for topic in ("/odom", "/ground_truth/odometry"):
+            yield topic, se3_to_odometry(T_map_base, np.zeros((6, 6)), stamp(k), ("odom", "base_link"))
+
+    def driven(_):
+        yield from (("/cmd_vel", Twist()), ("/tracking_error", TrackingError()), ("/status", LocalizationStatus()))
+
+    for name, source in (("teach", teach), ("drive", driven)):
+        write_bag(folder / name, source, numbers=range(NUM_IMAGES), with_mount=False)
     return folder
 
 

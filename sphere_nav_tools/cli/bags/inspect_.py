@@ -12,6 +12,7 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import find_offer
@@ -35,9 +36,9 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="a recording; or a video, or a folder of images")
-    parser.add_argument("--json", type=Path, metavar="F", help="also write it as JSON")
-    parser.add_argument("--rig", type=Path, metavar="F", help="rig file of the cameras in the bag")
+    add(parser, "bag", "BAG", "a recording; or a video, or a folder of images", Path)
+    add(parser, "--json", "F", "also write it as JSON", Path)
+    add(parser, "--rig", "F", "rig file of the cameras in the bag", Path)
     topics.add_options(parser)
 
 
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     drivers = [f"driver: {driver.title}: --driver {driver.name}" for driver in finder.drivers()]
     print("\n".join([*drivers, *mounting]))
     for offer in offers:
-        print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
+        print(f"\n{offer.job}: {(offer.note or 'ready') if offer.command else offer.missing}")
         if offer.command:
             print(f"  {shlex.join(offer.command)}")
         if offer.reason:

@@ -8,6 +8,7 @@ from sphere_nav.params import leaves
 from sphere_nav.ros.bags.player_node import BagPlayer, PlayerParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.run import run as run_node
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
@@ -20,25 +21,23 @@ examples:
 """
 
 
-OPTIONS = [leaf for leaf in leaves(PlayerParams) if leaf.name != "bag"]
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the bag, and the other parameters of the node as options."""
-    parser.add_argument("bag", metavar="BAG", help="a folder or an .mcap file")
-    for leaf in OPTIONS:
+    for leaf in leaves(PlayerParams):
         option, told = f"--{leaf.name.replace('_', '-')}", leaf.doc
-        if isinstance(leaf.default, bool):
-            parser.add_argument(option, action="store_true", help=told)
+        if leaf.name == "bag":
+            add(parser, "bag", "BAG", "a folder or an .mcap file")
+        elif isinstance(leaf.default, bool):
+            flag(parser, option, told)
         elif isinstance(leaf.default, str):
-            parser.add_argument(option, nargs="+", default=[], metavar="TOPIC", help=told)
+            add(parser, option, "TOPIC", told, nargs="+", default=[])
         else:
-            parser.add_argument(option, type=float, default=leaf.default, metavar="X", help=f"{told} (%(default)g)")
+            add(parser, option, "X", f"{told} (%(default)g)", float, default=leaf.default)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Play to the end, or until a signal."""
-    given = {name: getattr(arguments, name) for name in ("bag", *(leaf.name for leaf in OPTIONS))}
+    given = {leaf.name: getattr(arguments, leaf.name) for leaf in leaves(PlayerParams)}
     values = {name: " ".join(value) if isinstance(value, list) else value for name, value in given.items()}
     with progress("play", "message") as bar:
 

@@ -7,6 +7,7 @@ import argparse
 from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.bags.recording_sets import ALL, SETS
 from sphere_nav.ros.run import run as run_node
+from sphere_nav_tools.cli.arguments import add, choose, flag
 
 HELP = """\
 Record topics into a rosbag2 MCAP bag until Ctrl-C. At most the last second is lost if the process is killed.
@@ -26,13 +27,13 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("topics", nargs="*", metavar="TOPIC", help="topics to record")
+    add(parser, "topics", "TOPIC", "topics to record", nargs="*")
     parser.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to make (a folder)")
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--set", choices=tuple(SETS), default="", dest="topic_set", help="record a set of topics")
+    choose(which, "--set", tuple(SETS), "record a set of topics", "", dest="topic_set")
     which.add_argument("--all", action="store_const", const=ALL, dest="topic_set", help="record every topic")
-    parser.add_argument("--uncompressed", action="store_true", help="do not compress: for raw images of noisy cameras")
-    parser.add_argument("--use-sim-time", action="store_true", help="stamp the messages by /clock")
+    flag(parser, "--uncompressed", "do not compress: for raw images of noisy cameras")
+    flag(parser, "--use-sim-time", "stamp the messages by /clock")
 
 
 def run(arguments: argparse.Namespace) -> int:

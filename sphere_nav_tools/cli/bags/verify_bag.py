@@ -7,7 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from sphere_nav.ros.bags import BagReport, salvage, verify_bag
+from sphere_nav.ros.bags import salvage, verify_bag
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.tables import columns, progress
 
 HELP = """\
@@ -22,9 +23,9 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="a folder or an .mcap file")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    parser.add_argument("--salvage", type=Path, metavar="OUT", help="copy what is readable into a new bag")
+    add(parser, "bag", "BAG", "a folder or an .mcap file", Path)
+    flag(parser, "--json", "print the report as JSON")
+    add(parser, "--salvage", "OUT", "copy what is readable into a new bag", Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -36,25 +37,21 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     with progress("verify", "message") as bar:
         report = verify_bag(arguments.bag, bar.update)
-    print(json.dumps(_as_dict(report), indent=2) if arguments.json else _as_text(report))
+    seconds = (report.time_range[1] - report.time_range[0]) / 1e9
+    topics = sorted(report.topics.items())
+    if arguments.json:
+        facts = {
+            "bag": str(report.path),
+            "messages": report.num_messages,
+            "seconds": seconds,
+            "topics": {name: {"type": info.type, "count": info.count} for name, info in topics},
+            "problems": report.problems,
+        }
+        print(json.dumps(facts, indent=2))
+    else:
+        verdict = "damaged" if report.problems else "good"
+        head = f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"
+        print("\n".join([head, *columns((f"  {name}", info.count, info.type) for name, info in topics)]))
     for problem in report.problems:
         print(problem, file=sys.stderr)
     return 1 if report.problems else 0
-
-
-def _as_dict(report: BagReport) -> dict[str, object]:
-    return {
-        "bag": str(report.path),
-        "messages": report.num_messages,
-        "seconds": (report.time_range[1] - report.time_range[0]) / 1e9,
-        "topics": {name: {"type": info.type, "count": info.count} for name, info in sorted(report.topics.items())},
-        "problems": report.problems,
-    }
-
-
-def _as_text(report: BagReport) -> str:
-    seconds = (report.time_range[1] - report.time_range[0]) / 1e9
-    verdict = "good" if not report.problems else "damaged"
-    lines = [f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"]
-    topics = ((f"  {name}", info.count, info.type) for name, info in sorted(report.topics.items()))
-    return "\n".join([*lines, *columns(topics)])

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.params import build
-from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav_tools.cli.demo.domains import claim_domain
-from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, find_map
-from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, plot_top_view
+from sphere_nav_tools.cli.demo.watch import WatchedDrive
+from sphere_nav_tools.offline.evaluation import alignment_of
 from sphere_nav_tools.offline.tables import facts_as_lines, write_json
 
 HELP = """\
@@ -30,7 +26,8 @@ Teach, map and drive: a simulated Cycab is driven once along a path with two 90 
 its roof are recorded, their images are stitched to spheres with range by stereo and mapped, and the car drives the path
 again by one camera and cmd_vel alone: on another day, with other cars and people about, and clouds before the sun.
 
-Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path or did not finish it.
+Writes map, bags, a picture and result.json below --output. Exit status 1 if the drive left the path or did not
+finish it.
 
 examples:
   sphere_nav demo
@@ -39,7 +36,6 @@ examples:
   sphere_nav demo --mounting inverted
   sphere_nav demo --condition overcast
 """
-BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
 SIMULATION = {
     "has_stamped_command": True,
     "camera.period": 0.2,
@@ -78,127 +74,95 @@ DRIVE_TOPICS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help="(%(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
+    add(parser, "--seed", "SEED", "decides the town and every noise (%(default)s)", int, default=1)
     paths = ("two_turns", "block", "straight", "tour")
-    parser.add_argument("--path", default="two_turns", choices=paths, help="tour: 490 m of a city (%(default)s)")
-    parser.add_argument("--traffic", action="store_true", help="twice as much of it")
-    parser.add_argument(
-        "--mounting", default="upright", choices=tuple(MOUNTINGS), help="how the driving camera sits (%(default)s)"
-    )
+    choose(parser, "--path", paths, "tour: 490 m of a city (%(default)s)", "two_turns")
+    flag(parser, "--traffic", "twice as much of it")
+    choose(parser, "--mounting", tuple(MOUNTINGS), "how the driving camera sits (%(default)s)", "upright")
     told = f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)"
     told += "; a map of one light may not serve another"
-    parser.add_argument("--condition", default="", choices=("", *CONDITIONS), metavar="NAME", help=told)
-    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (a free one of 50 to 99)")
+    add(parser, "--condition", "NAME", told, default="", choices=("", *CONDITIONS))
+    add(parser, "--domain", "N", "ROS domain (a free one of 50 to 99)", int, default=None)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
-    more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
-    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, more, arguments.condition)
+    demo = Demo(arguments)
     try:
         demo.teach()
         demo.map()
         demo.drive()
-    except (DriveFailed, RuntimeError) as error:
+    except RuntimeError as error:
         print(f"demo: {error}; what the nodes said is in {demo.folder}")
         return 1
     return demo.judge()
 
 
 class Demo:
-    """One run: its folder, its domain, and how long each stage took."""
+    """One run: its folder, its domain, and how the drive ended."""
 
-    def __init__(
-        self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any], condition: str = ""
-    ) -> None:
-        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive."""
-        self.domain = claim_domain() if domain is None else domain
-        place = TOUR if path == "tour" else {"path": path}
-        self.other_day = OTHER_DAY | {"condition": condition}
-        self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.domain = claim_domain() if arguments.domain is None else arguments.domain
+        place = TOUR if arguments.path == "tour" else {"path": arguments.path}
+        more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
+        self.simulation = SIMULATION | {"seed": arguments.seed} | place | more
+        self.other_day = OTHER_DAY | {"condition": arguments.condition}
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
-        self.folder = new_folder(output)
-        self.seconds: dict[str, float] = {}
+        self.folder = new_folder(arguments.output)
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Measure the time of a stage."""
+    def nodes(self, name: str) -> WatchedDrive:
+        """Return an empty set of nodes whose output goes to a folder of the stage."""
         print(f"{name} ...", flush=True)
-        begun = time.monotonic()
-        try:
-            yield
-        finally:
-            self.seconds[name] = round(time.monotonic() - begun, 1)
+        return WatchedDrive(self.folder / f"{name}_logs", self.domain)
 
     def teach(self) -> None:
         """Drive the path once by the simulator's driver and record the cameras."""
-        with self.stage("teach"), self.processes("teach") as processes, DriveMonitor(processes, self.domain) as watch:
-            processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
-            processes.start(
-                "cycab_sim",
-                self.simulation | LOCK_STEP | TEACHING | {"rig.file": str(self.folder / "rig.yaml")},
-            )
-            self.follow(watch, "teaching drive", lambda: watch.has_told("taught"))
-            processes.stop("bag_recorder")
+        with self.nodes("teach") as nodes:
+            nodes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
+            rig = {"rig.file": str(self.folder / "rig.yaml")}
+            nodes.start("cycab_sim", self.simulation | LOCK_STEP | TEACHING | rig)
+            nodes.wait("teaching drive", lambda: nodes.has_told("taught"), self.length)
+            nodes.stop("bag_recorder")
 
     def map(self) -> None:
         """Make the map from the recording, by the command that a user types."""
         from sphere_nav_tools.cli.main import main
 
-        teach, made = str(self.folder / "teach"), str(self.folder / "map")
-        taught = str(self.folder / "taught.tum")
-        with self.stage("map"):
-            if main(["map", teach, "-o", made, "--rig", str(self.folder / "rig.yaml"), "--taught", taught]) != 0:
-                raise RuntimeError("mapping failed")
+        print("map ...", flush=True)
+        teach, made, rig, taught = (str(self.folder / name) for name in ("teach", "map", "rig.yaml", "taught.tum"))
+        if main(["map", teach, "-o", made, "--rig", rig, "--taught", taught]) != 0:
+            raise RuntimeError("mapping failed")
 
     def drive(self) -> None:
         """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
         clock = {"use_sim_time": True}
-        with self.stage("drive"), self.processes("drive") as processes, DriveMonitor(processes, self.domain) as watch:
-            processes.start("bag_recorder", clock | {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS})
-            processes.start("dense_localizer", clock | {"map": str(self.folder / "map"), "every_image": True})
-            watch.wait_for("dense_localizer/reset")
+        with self.nodes("drive") as nodes:
+            nodes.start("bag_recorder", clock | {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS})
+            nodes.start("dense_localizer", clock | {"map": str(self.folder / "map"), "every_image": True})
+            nodes.wait_for("dense_localizer/reset")
             paused = {"mode": "drive", "clock.pause_at": PAUSE_AT}
-            processes.start("cycab_sim", self.simulation | LOCK_STEP | paused | self.other_day)
+            nodes.start("cycab_sim", self.simulation | LOCK_STEP | paused | self.other_day)
             taught = {"trajectory": str(self.folder / "taught.tum"), "enable_stamped_cmd_vel": True}
-            processes.start("path_follower", clock | taught)  # time stands until it is there
-            watch.wait("localisation", lambda: watch.has_told("paused"), is_moving=False)
-            watch.call("path_follower/start")
-            watch.call("cycab_sim/resume")
-            self.follow(watch, "drive by the camera", lambda: has_ended(watch.state("follower")))
-            self.has_finished = watch.state("follower").startswith("FINISHED")
-            self.end = watch.describe()
-            processes.stop("bag_recorder")
-
-    def follow(self, watch: DriveMonitor, what: str, has_ended: Callable[[], bool]) -> None:
-        """Show how far the car is until the drive has ended."""
-        with tqdm(total=round(self.length), desc=what, bar_format=BAR, mininterval=0.5, disable=None) as bar:
-            watch.wait(what, has_ended, is_moving=True, bar=bar)
-
-    def processes(self, name: str) -> Processes:
-        """Return an empty set of processes whose output goes to a folder of the stage."""
-        folder = self.folder / f"{name}_logs"
-        folder.mkdir()
-        return Processes(folder, self.domain)
+            nodes.start("path_follower", clock | taught)  # time stands until it is there
+            nodes.wait("localisation", lambda: nodes.has_told("paused"))
+            nodes.call("path_follower/start")
+            nodes.call("cycab_sim/resume")
+            nodes.wait("drive by the camera", lambda: has_ended(nodes.state("follower")), self.length)
+            self.has_finished = nodes.state("follower").startswith("FINISHED")
+            self.end = nodes.describe()
+            nodes.stop("bag_recorder")
 
     def judge(self) -> int:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
-        from sphere_nav_tools.cli.demo import plots  # matplotlib takes half a second to import
-        from sphere_nav_tools.offline import plot_figure
-
-        with self.stage("judge"):
-            T_world_map = find_map(self.folder)
-            errors = drive_errors(self.folder / "teach", self.folder / "drive", T_world_map)
-            with open_map(self.folder / "map") as made:
-                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
-            with BagReader(self.folder / "drive") as bag:
-                statuses = plot_figure.read_statuses(bag, "/status")
-            plots.plot_top_view(self.folder / "top_view.png", errors, keys)
-            plot_figure.draw_localization(self.folder / "errors.png", errors.estimate, errors.judged, statuses)
+        errors = drive_errors(self.folder)
+        T_world_map, _ = alignment_of(errors.judged.report)
+        with open_map(self.folder / "map") as made:
+            keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+        plot_top_view(self.folder / "top_view.png", errors, keys)
         result = self.result(errors, len(keys))
         write_json(self.folder / "result.json", result)
-        print("\n".join([*facts_as_lines(result), f"plots, map and bags: {self.folder}", verdict(result)]))
+        print("\n".join([*facts_as_lines(result), f"picture, map and bags: {self.folder}", verdict(result)]))
         return 0 if result["has_followed"] else 1
 
     def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
@@ -215,7 +179,6 @@ class Demo:
             "length_m": self.length,
             "num_key_spheres": num_key_spheres,
             "seed": self.simulation["seed"],
-            "seconds": self.seconds,
         }
 
 
@@ -234,8 +197,8 @@ def verdict(result: dict[str, Any]) -> str:
 def new_folder(wanted: Path) -> Path:
     """Make the output folder; one that is there is kept under the next free number."""
     if wanted.exists():
-        number = next(n for n in range(1, 10_000) if not wanted.with_name(f"{wanted.name}.{n}").exists())
-        kept = wanted.rename(wanted.with_name(f"{wanted.name}.{number}"))
+        others = (wanted.with_name(f"{wanted.name}.{number}") for number in range(1, 10_000))
+        kept = wanted.rename(next(other for other in others if not other.exists()))
         print(f"the last result is kept as {kept}")
     wanted.mkdir(parents=True)
     return wanted

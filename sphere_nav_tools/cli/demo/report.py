@@ -1,4 +1,4 @@
-"""Errors of a drive against the taught drive, both by the simulator's truth."""
+"""Errors of a drive against the taught drive, both by the simulator's truth, and a picture of them."""
 
 from __future__ import annotations
 
@@ -6,85 +6,84 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from path_follower.path import Pose2, ReferencePath, Segment
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array, arc_lengths
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav_tools.cli.constants import MOVING
 from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-TAUGHT = "taught.tum"
-TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
+EXAGGERATION = 50  # of the distance between two paths that no eye could tell apart
+WAY = 0.1  # m that a metre on the way counts beside one on the ground, so that a path may cross itself
 
 
 @dataclass(frozen=True, eq=False)
 class DriveErrors:
-    """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
+    """The true poses in motion, and how far to the left of the taught path they are: lateral (N,) m; yaw (N,) there.
 
-    `estimate`: the poses of the localiser in the world; `judged`: these against the truth.
+    `judged`: the poses of the localiser against the truth, the map put where the taught drive was.
     """
 
-    taught: ReferencePath
-    along: Array
+    taught: Trajectory
+    driven: Trajectory
+    yaw: Array
     lateral: Array
-    estimate: Trajectory
+    share_driven: float
     judged: Judged
 
-    @property
-    def share_driven(self) -> float:
-        """Share of the taught path."""
-        return float(self.along.max() / self.taught.length)
+
+def drive_errors(folder: Path) -> DriveErrors:
+    """Compare the drive with the teaching drive in the folder of a demo."""
+    teach, truth = read_truth(folder / "teach"), read_truth(folder / "drive")
+    estimate, by = read_poses(folder / "drive", ("/pose",)), (read_tum(folder / "taught.tum"), teach)
+    judged = evaluate_poses(estimate, truth, alignment="poses", is_interpolated=True, aligned_by=by)
+    taught, driven = _crop_to_motion(teach), _crop_to_motion(truth)
+    feet, lateral = distances_from(taught, driven)
+    share = float(taught.distances[feet.max()] / taught.distances[-1])
+    return DriveErrors(taught, driven, taught.T_map_body.yaw[feet], lateral, share, judged)
 
 
-def find_map(folder: Path) -> SE3:
-    """Return T_world_map: the map begins where the teaching drive truly began."""
-    truth, taught = read_truth(folder / "teach"), read_tum(folder / TAUGHT)
-    first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
-    at, known = truth.at(first)
-    if not known.all():
-        raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
-    return at.T_map_body[0] @ taught.T_map_body[0].inverse()
-
-
-def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
-    truth, taught = read_truth(drive), path_of(_crop_to_motion(read_truth(teach)))
-    along, lateral = distances_from_path(_crop_to_motion(truth).positions[:, :2], taught)
-    estimate = read_poses(drive, (ESTIMATE,)).moved(T_world_map)
-    return DriveErrors(taught, along, lateral, estimate, evaluate_poses(estimate, truth, is_interpolated=True))
-
-
-def path_of(driven: Trajectory) -> ReferencePath:
-    """Return the path of a drive as it was, without smoothing."""
-    xy, yaw = driven.positions[:, :2], np.unwrap(driven.T_map_body.yaw)
-    nothing = np.zeros(len(xy))
-    return ReferencePath(xy[:, 0], xy[:, 1], yaw, nothing, arc_lengths(xy), nothing, (Segment(0, len(xy) - 1, 1),))
-
-
-def distances_from_path(points: Array, path: ReferencePath) -> tuple[Array, Array]:
-    """Return where along a path each point (N, 2) is, and how far to the left of it, both in metres.
-
-    The place only moves forward, at most 2 m a point, so that a path may cross itself.
-    """
-    places = [path.begin_of(0)]
-    for x, y in points:
-        places.append(path.advance(Pose2(x, y, 0.0), places[-1], 2.0))
-    along, lateral = np.array([(place.arc_length, place.cross_track) for place in places[1:]]).T
-    return along, lateral
+def distances_from(taught: Trajectory, driven: Trajectory) -> tuple[NDArray[np.intp], Array]:
+    """Return which taught pose is closest to each driven one, and how far that is to the left of it (N,), m."""
+    places, wanted = (np.column_stack([one.positions[:, :2], WAY * one.distances]) for one in (taught, driven))
+    _, feet = KDTree(places).query(wanted)
+    yaw, off = taught.T_map_body.yaw[feet], driven.positions - taught.positions[feet]
+    return feet, np.cos(yaw) * off[:, 1] - np.sin(yaw) * off[:, 0]
 
 
 def read_truth(bag: Path) -> Trajectory:
     """Return the true poses of the vehicle in a bag of the simulator."""
-    return read_poses(bag, (TRUTH,))
+    return read_poses(bag, ("/ground_truth/odometry",))
 
 
 def _crop_to_motion(trajectory: Trajectory) -> Trajectory:
     """Return the part between the first and the last motion."""
-    steps = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)
-    seconds = np.diff(trajectory.stamps_ns) / 1e9
-    moving = np.flatnonzero(steps > MOVING * np.maximum(seconds, 1e-9))
+    speeds = np.diff(trajectory.distances) / np.maximum(np.diff(trajectory.stamps_ns) / 1e9, 1e-9)
+    moving = np.flatnonzero(speeds > MOVING)
     if not moving.size:
         raise ValueError("drive: expected a car that moves, found one that stands")
     return trajectory[slice(int(moving[0]), int(moving[-1]) + 2)]
+
+
+def plot_top_view(path: Path, errors: DriveErrors, key_spheres: Array) -> None:
+    """Draw the taught path, the driven one beside it and the key spheres (K, 2) from above, metres.
+
+    The driven path is `EXAGGERATION` times as far from the taught one as the car truly was.
+    """
+    from sphere_nav_tools.offline.plot_figure import drawn, top_view  # matplotlib takes half a second to import
+
+    label = f"driven by the camera (truth), its distance from the taught path × {EXAGGERATION}"
+    with drawn(path, (8, 8)) as figure:
+        axes = figure.add_subplot()
+        lines = {"taught (truth)": errors.taught.positions[:, :2], label: exaggerate(errors)}
+        top_view(axes, lines, {f"{len(key_spheres)} key spheres": key_spheres})
+        axes.set_title(f"Taught and driven path, at most {100 * np.abs(errors.lateral).max():.1f} cm apart", loc="left")
+
+
+def exaggerate(errors: DriveErrors) -> Array:
+    """Return the driven positions (N, 2), `EXAGGERATION` times as far from the taught path."""
+    left = np.stack([-np.sin(errors.yaw), np.cos(errors.yaw)], axis=1)
+    exaggerated: Array = errors.driven.positions[:, :2] + (EXAGGERATION - 1) * errors.lateral[:, None] * left
+    return exaggerated

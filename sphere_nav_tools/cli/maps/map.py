@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from sphere_mapping.ros.intake import TOPICS
+from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import add_budget, add_settings, read_count
+from sphere_nav_tools.offline.settings import add_budget, add_output, add_settings, read_count
 from sphere_nav_tools.offline.topic_finder import CAMERAS
 
 HELP = """\
@@ -39,33 +40,35 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
-    _add_extension(parser)
-    parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
-    parser.add_argument(
+    add(parser, "bag", "BAG", "bag of the teaching drive", Path)
+    add_output(parser, "MAP", "map to make (a folder)")
+    add(parser, "--extend", "MAP0", "a map that the drive is joined to, whatever light either was in", Path)
+    add(parser, "--experience", "NAME", "what you call the light or season of this drive", default="")
+    add(
+        parser,
+        "--start",
+        ("X", "Y", "YAW"),
+        "with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
+        float,
+        nargs=3,
+    )
+    add_budget(parser)
+    choose(
+        parser,
         "--anchor",
-        choices=("first", "truth", "survey"),
-        default="first",
-        help="first: base_link at the start is the origin; truth: the map as it is, fitted to the truth; survey: every "
+        ("first", "truth", "survey"),
+        "first: base_link at the start is the origin; truth: the map as it is, fitted to the truth; survey: every "
         "key sphere where the truth has it, as after a surveyed drive (%(default)s)",
+        "first",
     )
-    parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
-    parser.add_argument(
-        "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
-    )
+    add(parser, "--rig", "F", "rig file, for a bag with the cameras of a rig", Path)
+    choose(parser, "--input", ("auto", *TOPICS, CAMERAS), "what is mapped (by the topics)", "auto")
     topics.add_options(parser)
-    parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
-    parser.add_argument(
-        "--jobs",
-        type=read_count,
-        default=1,
-        metavar="N",
-        help="processes that stitch and verify loops (%(default)s)",
-    )
-    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster")
-    parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
-    parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
+    flag(parser, "--no-loops", "do not look for places seen twice")
+    add(parser, "--jobs", "N", "processes that stitch and verify loops (%(default)s)", read_count, default=1)
+    add(parser, "--scheduler", "ADDRESS", "do that on a Dask cluster", default="")
+    add(parser, "--trajectory", "F", "write the pose of every sphere (TUM)", Path)
+    add(parser, "--taught", "F", "write the vehicle's poses, for path_follower (TUM)", Path)
     add_settings(parser, "sphere_mapper")
     add_settings(parser, "sphere_stitcher", "--set-stitcher", "set_stitcher")
 
@@ -73,21 +76,3 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Map what the bag holds."""
     return learn(arguments)
-
-
-def _add_extension(parser: argparse.ArgumentParser) -> None:
-    """Declare what joins a drive to a map, and keeps it small."""
-    parser.add_argument(
-        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
-    )
-    parser.add_argument(
-        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
-    )
-    parser.add_argument(
-        "--start",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "YAW"),
-        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
-    )
-    add_budget(parser)

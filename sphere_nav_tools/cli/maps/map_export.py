@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.map_points import Cloud, Datum, cloud_of, geojson, write_laz, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
 from sphere_nav_tools.offline.tables import progress
@@ -37,40 +39,38 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
-    parser.add_argument("--step", type=int, default=4, help="clouds: every how many rows and columns (%(default)s)")
-    parser.add_argument("--max-range", type=float, default=50.0, metavar="M", help="clouds: farther is left out")
-    parser.add_argument(
+    add(parser, "--step", "STEP", "clouds: every how many rows and columns (%(default)s)", int, default=4)
+    add(parser, "--max-range", "M", "clouds: farther is left out", float, default=50.0)
+    add(
+        parser,
         "--datum",
-        type=Datum.parse,
-        metavar="lat,lon,heading",
-        help=".geojson: where the map begins, and its x axis from north, deg",
+        "lat,lon,heading",
+        ".geojson: where the map begins, and its x axis from north, deg",
+        Datum.parse,
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write the file."""
     output: Path = arguments.output
     if output.suffix not in WRITERS:
         raise ValueError(f"{output}: expected a suffix of {', '.join(WRITERS)}, found {output.suffix or 'none'!r}")
-    partial = output.with_name(output.name + ".part")
+    part = output.with_name(output.name + ".part")
     with open_map(arguments.map) as reader:
-        count = WRITERS[output.suffix](reader, partial, arguments)
-    partial.replace(output)
+        count = WRITERS[output.suffix](reader, part, arguments)
+    part.replace(output)
     print(f"{output}: {count}")
-    return 0
 
 
-def write_cloud(write: Callable[[Path, list[Cloud]], int]) -> Writer:
-    """Return what writes the points of all key spheres in one format."""
-
-    def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
-        params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
-        nodes = progress("export", "sphere", list(reader.graph))
-        return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
-
-    return write_all
+def write_cloud(
+    write: Callable[[Path, list[Cloud]], int], reader: MapReader, path: Path, arguments: argparse.Namespace
+) -> str:
+    """Write the points of all key spheres in one format."""
+    params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
+    nodes = progress("export", "sphere", list(reader.graph))
+    return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
 
 
 def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
@@ -99,8 +99,8 @@ def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> st
 
 
 WRITERS: dict[str, Writer] = {
-    ".ply": write_cloud(write_ply),
-    ".laz": write_cloud(write_laz),
+    ".ply": partial(write_cloud, write_ply),
+    ".laz": partial(write_cloud, write_laz),
     ".g2o": write_graph,
     ".tum": write_trajectory,
     ".kitti": write_trajectory,

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 HELP = """\
@@ -28,12 +28,12 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--parameters", action="store_true", help="the parameters of the mapping too")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
+    flag(parser, "--json", "print JSON")
+    flag(parser, "--parameters", "the parameters of the mapping too")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Read the head of the map and one sphere; print."""
     with open_map(arguments.map) as reader:
         facts, parameters = map_facts(reader), reader.parameters if arguments.parameters else {}
@@ -41,7 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(facts | ({"parameters": parameters} if parameters else {}), indent=2))
     else:
         print("\n".join(facts_as_lines(facts | parameters)))
-    return 0
 
 
 def map_facts(reader: MapReader) -> dict[str, Any]:
@@ -50,6 +49,7 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
     nodes = sorted(graph, key=lambda node: node.id)
     positions = np.array([node.T_map_sphere.translation for node in nodes])
     sphere = reader.load_sphere(nodes[0].id)
+    shared = Counter(map(len, find_places(graph, is_whole=sphere.camera.is_whole).values()))
     size = sum(file.stat().st_size for file in reader.path.iterdir()) if reader.path.is_dir() else 0
     return {
         "path": str(reader.path),
@@ -64,7 +64,7 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "loops": sum(edge.is_loop for edge in graph.edges),
         "length_m": float(info.length),
         "extent_m": np.ptp(positions, axis=0).tolist(),
-        "spacing_m": spacing(positions),
+        "spacing_m": quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1)),  # to the next one
         "region_radius_m": quantiles([node.region_radius_m for node in nodes if node.region_radius_m > 0]),
         "first_stamp_s": nodes[0].stamp_ns / 1e9,
         "last_stamp_s": nodes[-1].stamp_ns / 1e9,
@@ -76,15 +76,9 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "megabytes_per_sphere": size / 1e6 / len(graph),
         "megabytes_per_metre": size / 1e6 / info.length if info.length > 0 else None,
         "rig": bool(info.rig),
-        "places_by_experiences": count_places(graph, is_whole=sphere.camera.is_whole),
+        "places_by_experiences": {str(number): count for number, count in sorted(shared.items())},
         "experiences": [describe_experience(*item) for item in split_by_experience(graph).items()],
     }
-
-
-def count_places(graph: SphereGraph, *, is_whole: bool) -> dict[str, int]:
-    """Return how many key spheres have so many experiences at their place."""
-    counts = Counter(len(found) for found in find_places(graph, is_whole=is_whole).values())
-    return {str(number): counts[number] for number in sorted(counts)}
 
 
 def describe_experience(experience: Experience, part: SphereGraph) -> dict[str, Any]:
@@ -99,11 +93,6 @@ def describe_experience(experience: Experience, part: SphereGraph) -> dict[str, 
         "images_served": float(sum(node.served for node in part)),
         "last_served_s": last_ns / 1e9 if last_ns else None,
     }
-
-
-def spacing(positions: Array) -> list[float]:
-    """Return the smallest, the median and the largest distance in m from a key sphere to the next one."""
-    return quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1))
 
 
 def quantiles(values: ArrayLike) -> list[float]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dense_localizer.params import DenseLocalizerParams
 from sphere_nav.params import build
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.lessons import learn_map
 from sphere_nav_tools.offline.settings import add_settings
 
@@ -25,15 +26,15 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
     add_settings(parser, "dense_localizer")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Learn."""
     path: Path = (arguments.map.parent if arguments.map.is_file() else arguments.map).resolve()
-    params, learned = build(DenseLocalizerParams, {"automatic": False} | arguments.settings), list[bool]()
-    for name, is_taken, told in learn_map(path, params):
+    learned = []
+    for name, is_taken, told in learn_map(path, build(DenseLocalizerParams, {"automatic": False} | arguments.settings)):
         print(f"{name}: {'learned' if is_taken else 'refused'}: {told}")
         learned.append(is_taken)
     print(f"{arguments.map}: {sum(learned)} of {len(learned)} drives learned")

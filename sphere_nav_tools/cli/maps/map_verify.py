@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
@@ -20,8 +21,8 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
-    parser.add_argument("--salvage", type=Path, metavar="OUT", help="make a map of what is still readable")
+    add(parser, "map", "MAP", "a map (a folder)", Path)
+    add(parser, "--salvage", "OUT", "make a map of what is still readable", Path)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -34,12 +34,12 @@ def ground_of(path: Path) -> Ground:
         picture = np.zeros((height, width, 4), np.uint8)
         for node in reader.graph:
             points, colors = reader.load_sphere(node.id).points()
-            placed, center = node.T_map_sphere.apply(points.astype(np.float64)), node.T_map_sphere.translation
-            is_below = placed[:, 2] < center[2] - BELOW_M
-            is_below &= np.hypot(*(placed - center)[:, :2].T) < REACH_M
+            placed = node.T_map_sphere.apply(points.astype(np.float64))
+            off = placed - node.T_map_sphere.translation
+            is_below = (off[:, 2] < -BELOW_M) & (np.hypot(off[:, 0], off[:, 1]) < REACH_M)
             column, row = ((placed[is_below, :2] - low) / cell).astype(int).T
-            picture[height - 1 - row, column, :3] = np.atleast_2d(colors[is_below].T).T
-            picture[height - 1 - row, column, 3] = 255
-    seen = np.where(picture[..., 3:] > 0, picture, cv2.dilate(picture, FILL)).astype(np.uint8)
+            picture[row, column, :3] = colors[is_below].reshape(len(row), -1)
+            picture[row, column, 3] = 255
+    seen = np.where(picture[..., 3:] > 0, picture, cv2.dilate(picture, FILL)).astype(np.uint8)[::-1]
     size = (float(width * cell), float(height * cell))
     return Ground(seen, (float(low[0] + 0.5 * size[0]), float(low[1] + 0.5 * size[1])), size)

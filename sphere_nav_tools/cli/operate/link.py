@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -41,13 +42,15 @@ from sphere_nav_tools.cli.constants import (
     ANSWER_S,
     CONFIRMED_S,
     HELD_S,
+    LOAD_S,
     NO_IMAGE_S,
     RATE_S,
     STOP_ANSWER_S,
     STRIDE_S,
+    WANTED_S,
     WITHDRAW_S,
 )
-from sphere_nav_tools.cli.operate.words import AT_REST, Heard, Place, by_buttons, places_of
+from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, by_buttons, places_of
 
 EXPECTED = {  # states that confirm a command
     "start": ("DRIVING", "SLOW"),
@@ -58,6 +61,7 @@ EXPECTED = {  # states that confirm a command
 GOES_ON = ("WAITING", "STARTING", "DRIVING")  # states in which a mission drives, or will by itself
 CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
+LOAD_PATH, LOAD_MAP = "path_follower/load_trajectory", "dense_localizer/load_map"
 LOOK_S = 0.02
 TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
 GUESS = np.diag([0.25, 0.25, 0.01, 0.01, 0.01, 0.03])  # covariance of a pose that a person drags: 0.5 m, 10 deg
@@ -72,16 +76,15 @@ class Link:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = rclpy.create_node("operator_page", namespace=namespace, context=self._context)
-        self._image_topic, self._num_watching = image_topic, 0
-        self._watched_at, self._image_times = 0.0, deque[float](maxlen=200)
+        self._image_topic, self._image_times = image_topic, deque[float](maxlen=200)
+        self._wanted_at, self._watched_at = -math.inf, 0.0
         self._pictures: list[Any] = []
         self._emergency: Any = None
         self._wheels: Any = None  # publishes cmd_vel while a person drives, and only then
         self._held, self._held_at = (0.0, 0.0), -math.inf
         self._lock = threading.Lock()
-        calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
-        calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
-        calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
+        asked = *(f"path_follower/{name}" for name in EXPECTED), "route_navigator/pause", "route_navigator/resume"
+        calls = {LOAD_PATH: LoadTrajectory, LOAD_MAP: LoadMap, **dict.fromkeys(asked, Trigger)}
         self.clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
         self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
         self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])
@@ -113,23 +116,25 @@ class Link:
         subscribe(NavigatorStatus, "route_navigator/status", lambda m: seen.hear("mission", m), qos.LATCHED)
         subscribe(String, "route_navigator/network", self._on_network, qos.LATCHED)
         self._initial = self.node.create_publisher(PoseWithCovarianceStamped, "initialpose", qos.STATE)
-        self.node.create_timer(STRIDE_S, self._stride)
+        for look in (self._stride, self._watch):
+            self.node.create_timer(STRIDE_S, look)
 
-    def watch_pictures(self, is_watching: bool) -> None:
-        """Count the pages that show pictures: while there is none, no image is sent here and no residual is made."""
-        with self._lock:
-            self._num_watching += 1 if is_watching else -1
-            if self._num_watching and not self._pictures:
-                kind = CompressedImage if self._image_topic.endswith("/compressed") else Image
-                self._watched_at, hear = time.monotonic(), self.seen.hear
-                self._pictures = [
-                    self.node.create_subscription(kind, self._image_topic, self._on_image, qos.SENSOR),
-                    self.node.create_subscription(Image, "residual", lambda m: hear("residual", m), qos.LARGE),
-                ]
-            elif not self._num_watching:
-                for picture in self._pictures:
-                    self.node.destroy_subscription(picture)
-                self._pictures = []
+    def want_pictures(self) -> None:
+        """Hear images and residuals for as long as this is called again: else none is sent here, and none is made."""
+        self._wanted_at = time.monotonic()
+
+    def _watch(self) -> None:
+        now, hear = time.monotonic(), self.seen.hear
+        is_wanted = now - self._wanted_at < WANTED_S
+        if is_wanted and not self._pictures:
+            kind = CompressedImage if self._image_topic.endswith("/compressed") else Image
+            self._watched_at, subscribe = now, self.node.create_subscription
+            self._pictures = [
+                subscribe(kind, self._image_topic, self._on_image, qos.SENSOR),
+                subscribe(Image, "residual", lambda m: hear("residual", m), qos.LARGE),
+            ]
+        while self._pictures and not is_wanted:
+            self.node.destroy_subscription(self._pictures.pop())
 
     def _on_image(self, message: Any) -> None:
         self.seen.hear("image", message)
@@ -156,20 +161,19 @@ class Link:
         self.seen.hear("path", np.vstack([points, points[:1]]) if message.is_closed else points)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        self._place("pose", "trail", message, np.reshape(message.pose.covariance, (6, 6))[:2, :2])
+        self._place("pose", message, np.reshape(message.pose.covariance, (6, 6))[:2, :2])
 
     def _on_odometry(self, message: Odometry) -> None:
-        self._place("wheels", "odometry", message, np.zeros((2, 2)))
+        self._place("wheels", message, np.zeros((2, 2)))
 
-    def _place(self, name: str, trail_name: str, message: Any, covariance: Any) -> None:
-        """Hear a pose (x, y, yaw, covariance of x and y), and let its trail grow."""
+    def _place(self, name: str, message: Any, covariance: Any) -> None:
+        """Hear a pose (x, y, yaw, covariance of x and y), and let the way by it grow."""
         T = conversions.pose_to_se3(message.pose.pose)
-        x, y, _ = T.translation.tolist()
-        self.seen.hear(name, (x, y, float(T.yaw), covariance))
-        trail, point = self.seen.told(trail_name)[0] or [], T.translation[:2]
-        if not trail or np.hypot(*(point - trail[-1])) >= TRAIL_STEP_M:
-            trail = [*trail[-MAX_TRAIL:], point]
-        self.seen.hear(trail_name, trail)
+        point = T.translation[:2]
+        self.seen.hear(name, (*point.tolist(), float(T.yaw), covariance))
+        way = self.seen.told(f"way by {name}")[0] or []
+        if not way or np.hypot(*(point - way[-1])) >= TRAIL_STEP_M:
+            self.seen.hear(f"way by {name}", [*way[-MAX_TRAIL:], point])
 
     def _on_graph(self, message: KeySphereGraph) -> None:
         places = [vertex.pose.position for vertex in message.vertices]
@@ -207,22 +211,16 @@ class Link:
         """Ask whoever offers missions to cancel every goal (no id, no stamp); return the answers to come."""
         return [client.call_async(CancelGoal.Request()) for client in self._cancels if client.service_is_ready()]
 
-    def load_path(self, path: str) -> str:
-        """Ask the follower to take a file."""
-        refusal = self.call("path_follower/load_trajectory", LoadTrajectory.Request(path=path))
-        return f"{path}: {refusal or 'loaded'}"
+    def load(self, service: str, path: Path) -> str:
+        """Ask the follower or the localiser to take a file."""
+        return f"{path}: {self.call(service, LOAD_S, path=str(path)) or 'loaded'}"
 
-    def load_map(self, path: str) -> str:
-        """Ask the localiser to take a map."""
-        refusal = self.call("dense_localizer/load_map", LoadMap.Request(path=path), patience=60.0)
-        return f"{path}: {refusal or 'loaded'}"
-
-    def call(self, name: str, request: Any, patience: float = ANSWER_S) -> str:
+    def call(self, name: str, patience: float = ANSWER_S, **fields: Any) -> str:
         """Call a service and return why it was not done; empty where it was."""
-        client = self.clients[name]
+        client: Any = self.clients[name]
         if not client.service_is_ready():
-            return f"nobody offers {name}: is the node running, in this domain and namespace?"
-        response = self._wait(client.call_async(request), patience)
+            return f"nobody offers {name}: {IS_IT_RUNNING}"
+        response = self._wait(client.call_async(client.srv_type.Request(**fields)), patience)
         if response is None:
             return f"{name} did not answer within {patience:g} s: NOT KNOWN whether it was done"
         return "" if response.success else response.message or "refused"
@@ -253,11 +251,7 @@ class Link:
             publisher, self._emergency = self._emergency, None
         if publisher is None:
             return "emergency stop: is not pressed here"
-        others = [
-            full_name(info)
-            for info in self.node.get_publishers_info_by_topic(publisher.topic_name)
-            if (info.node_name, info.node_namespace) != (self.node.get_name(), self.node.get_namespace())
-        ]
+        others = self._others_on(publisher.topic_name)
         if not others:
             publisher.publish(Bool(data=False))
         time.sleep(WITHDRAW_S)
@@ -266,11 +260,15 @@ class Link:
             return f"emergency stop: withdrawn here; {', '.join(others)} decides: press and release it there"
         return "emergency stop: released; start drives again"
 
+    def _others_on(self, topic: str) -> list[str]:
+        """Return who else publishes a topic."""
+        names = map(full_name, self.node.get_publishers_info_by_topic(topic))
+        return [name for name in names if name != self.node.get_fully_qualified_name()]
+
     # --- driven by hand, at walking pace
     def hands_off(self) -> str:
         """Return why nobody may drive by hand now; empty where one may."""
-        others = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name("cmd_vel"))
-        names = [info.node_name for info in others if info.node_name != self.node.get_name()]
+        names = self._others_on(self.node.resolve_topic_name("cmd_vel"))
         if self.is_pressed or self.seen.is_moving:
             return "by hand: expected a vehicle that stands, no emergency stop pressed: press stop, or release it"
         return f"by hand: {', '.join(names)} drives by cmd_vel: end it first" if names else ""
@@ -326,7 +324,7 @@ class Link:
 
     def go(self, place: Place) -> str:
         """Send the vehicle to a place; the answer is that of the navigator."""
-        if not self._navigator.server_is_ready():
+        if not self.has_navigator:
             return "nobody offers the action navigate: start route_navigator, or load a path"
         handle = self._wait(self._navigator.send_goal_async(Navigate.Goal(place=place.name)), ANSWER_S)
         if handle is None or not handle.accepted:
@@ -345,7 +343,7 @@ class Link:
 
     def _ask(self, name: str, states: tuple[str, ...], patience: float = ANSWER_S) -> str:
         """Call a service, and return the state of the follower that shows that it was done, or why it was not."""
-        return self.call(name, Trigger.Request(), patience) or self._confirmed(lambda status: status.state in states)
+        return self.call(name, patience) or self._confirmed(lambda status: status.state in states)
 
     def _confirmed(self, holds: Callable[[Any], bool]) -> str:
         """Wait until the follower says so, after now; return its state and reason, or that it is not confirmed."""

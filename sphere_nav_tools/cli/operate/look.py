@@ -11,16 +11,12 @@ STYLE = """
   padding:10px 14px; border-radius:10px; background:var(--mantine-color-body);
   box-shadow:0 1px 6px #0006; font:15px sans-serif}
 .sn-word {font-size:34px; font-weight:800; line-height:1.15; padding:0 10px; border-radius:6px; color:white}
-.sn-past {position:fixed; z-index:900; left:326px; bottom:12px; width:min(560px, calc(100vw - 800px)); height:76px;
-  padding:8px 10px; border-radius:10px; background:var(--mantine-color-body);
-  box-shadow:0 1px 6px #0006; font-size:12px}
-.sn-bar {display:flex; height:30px; background:#8883; border-radius:4px; overflow:hidden}
-.sn-bar div {min-width:0; overflow:hidden; color:white; padding:5px 0}
 .sn-scale {position:fixed; z-index:800; left:12px; bottom:104px; font-size:13px; font-weight:600; padding:2px 8px;
   background:var(--mantine-color-body); border-radius:6px}
 .sn-scale i {display:inline-block; height:6px; border:2px solid currentColor; border-top:0; margin-right:6px}
 .sn-scale svg {vertical-align:middle; margin-left:10px}
 .sn-scale span {white-space:nowrap}
+.sn-log {max-height:11em; overflow-y:auto}
 .sn-refused {margin:0 1em 0.6em; padding:6px 10px; border:2px solid #c92a2a; border-radius:6px; font-weight:600}
 .mantine-Paper-root:has(#sn-beat) label {color:var(--mantine-color-text) !important}
 #sn-lost {position:fixed; z-index:10001; left:12px; bottom:100px; width:640px; padding:14px;
@@ -31,7 +27,6 @@ STYLE = """
   .sn-state {left:8px; top:80px; width:calc(100vw - 16px); max-width:none; padding:8px 10px; font-size:13px}
   .sn-word {font-size:26px}
   .sn-log {max-height:4.2em; overflow-y:auto}
-  .sn-past {position:static; width:auto; height:auto; box-shadow:none}
   .sn-scale {left:8px; bottom:calc(40% + 8px); font-size:11px}
   #sn-lost {left:8px; right:8px; top:76px; bottom:auto; width:auto}
   .mantine-Paper-root:has(#sn-beat) {width:100vw !important; max-height:40% !important}

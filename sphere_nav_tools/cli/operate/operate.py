@@ -10,6 +10,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from sphere_nav_tools.cli import gate
+from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import OperatorPage
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
@@ -33,34 +34,29 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--folder", type=Path, default=Path(), metavar="DIR", help="of recordings, maps and paths (.)")
-    parser.add_argument("--simulator", action="store_true", help="with a simulated vehicle, in a ROS domain of its own")
+    add(parser, "--folder", "DIR", "of recordings, maps and paths (.)", Path, default=Path())
+    flag(parser, "--simulator", "with a simulated vehicle, in a ROS domain of its own")
     gate.add_options(parser, port=8081)
-    parser.add_argument("--namespace", default="", help="of the vehicle's nodes")
-    parser.add_argument("--image", default="image_raw", metavar="TOPIC", help="picture to show (%(default)s)")
-    parser.add_argument("--record", default="", metavar="TOPICS", help="to record (cameras, laser, IMU, odometry, tf)")
-    parser.add_argument("--map-options", default="", metavar="WORDS", help="more words for `sphere_nav map`")
+    add(parser, "--namespace", "NAMESPACE", "of the vehicle's nodes", default="")
+    add(parser, "--image", "TOPIC", "picture to show (%(default)s)", default="image_raw")
+    add(parser, "--record", "TOPICS", "to record (cameras, laser, IMU, odometry, tf)", default="")
+    add(parser, "--map-options", "WORDS", "more words for `sphere_nav map`", default="")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Serve until interrupted."""
-    gate.import_viser("operate")
-    token = gate.token_for(arguments.token)
+    address = gate.address_of("operate", arguments)
     folder = arguments.folder.resolve()
     if not folder.is_dir():
         raise ValueError(f"--folder: expected a folder, found {folder}")
     what = ["-p", f"topics:={arguments.record}"] if arguments.record else ["-p", "topic_set:=raw"]
-    simulated = SimulatedVehicle(folder) if arguments.simulator else None
-    if simulated is not None:
-        os.environ.update(simulated.environment)
-        what = ["-p", "topic_set:=all", "-p", "use_sim_time:=true"]
     with ExitStack() as stack:
+        simulated = stack.enter_context(SimulatedVehicle(folder)) if arguments.simulator else None
         if simulated is not None:
-            stack.callback(simulated.close)
-        teaching = stack.enter_context(closing(Teaching(folder, what, shlex.split(arguments.map_options))))
+            os.environ.update(simulated.environment)
+            what = ["-p", "topic_set:=all", "-p", "use_sim_time:=true"]
+        teaching = stack.enter_context(Teaching(folder, what, shlex.split(arguments.map_options)))
         link = stack.enter_context(closing(Link(arguments.namespace, arguments.image)))
-        place = arguments.host, arguments.port
-        page = stack.enter_context(closing(OperatorPage(link, teaching, simulated, place=place, token=token)))
+        page = stack.enter_context(closing(OperatorPage(address, link, teaching, simulated)))
         print(f"{page.url}  (Ctrl-C ends it)", flush=True)
         threading.Event().wait()
-    return 0

@@ -20,16 +20,16 @@ import cv2
 import numpy as np
 
 from sphere_nav.spheres.sphere import to_rgb
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, PICTURE_S, SILENT_S
-from sphere_nav_tools.cli.gate import WebPage
-from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, SILENT_S
+from sphere_nav_tools.cli.gate import Address, WebPage
+from sphere_nav_tools.cli.operate.chart import Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
-from sphere_nav_tools.cli.operate.link import GOES_ON, Link
+from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
-from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, banner, health, log_of, timeline
+from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, health, log_of
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 DARK_KEY = "sphere_nav_dark"
@@ -51,20 +51,11 @@ class OperatorPage(WebPage):
     """Serves any number of browsers until `close`; what one of them presses, all of them see."""
 
     def __init__(
-        self,
-        link: Link,
-        teaching: Teaching,
-        simulated: SimulatedVehicle | None = None,
-        *,
-        place: tuple[str, int],
-        token: str,
+        self, address: Address, link: Link, teaching: Teaching, simulated: SimulatedVehicle | None = None
     ) -> None:
-        """`place` and `token` as of a WebPage."""
         self.link, self.teaching, self.simulated = link, teaching, simulated
         self._ground: tuple[Path | None, Ground | None] = None, None
-        acts = {"emergency_stop": self._press, "state": self.state}  # what needs no websocket
-        super().__init__("operate", place, token, acts)
-        self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
+        super().__init__(address, {"emergency_stop": self._press, "state": self.state})  # what needs no websocket
         self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
@@ -106,9 +97,11 @@ class Desk:
 
     def __init__(self, page: OperatorPage, client: Any) -> None:
         self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
-        self.chart = Chart(client)
+        self.seen, self.chart = page.link.seen, Chart(client)
         self._clicked: tuple[float, float] | None = None
-        self._is_heard = False
+        self._hands_off = ""
+        self._texts: list[tuple[Any, Callable[[], str]]] = []  # parts, and what they tell
+        self._shown: list[tuple[Any, Callable[[], object]]] = []  # parts, and when they do something
         self._add_stops()
         tabs = client.gui.add_tab_group()
         with tabs.add_tab("drive"):
@@ -118,7 +111,7 @@ class Desk:
         with tabs.add_tab("camera"):
             self._add_camera()
         with tabs.add_tab("health"):
-            self._health = client.gui.add_html(health(self.link.seen))
+            self._text(lambda: health(self.seen))
         client.scene.on_click()(self._on_click)
         for work in (self._live, self._watch):
             threading.Thread(target=work, daemon=True).start()
@@ -126,111 +119,145 @@ class Desk:
     # --- what stands on it
     def _add_stops(self) -> None:
         """Put the emergency stop into the document, then what is possible in this state."""
-        gui = self.client.gui
-        gui.add_html(dressing())
-        self._beat = gui.add_html("")
-        self._banner, self._scale = gui.add_html(self.page.state()), gui.add_html("")
-        self._release = self._button("release the emergency stop", OTHER, self.link.release_emergency)
-        self._buttons = {}
+        link = self.link
+        self.client.gui.add_html(dressing())
+        for tell in (self._beat, self.page.state, self.chart.scale):
+            self._text(tell)
+        self._button("release the emergency stop", OTHER, link.release_emergency, lambda: link.is_pressed)
         for name, color in (("start", MOVES), ("resume", MOVES), ("pause", STOPS), ("stop", STOPS)):
-            self._buttons[name] = self._button(name, color, partial(self.link.command, name), visible=False)
-        self._past, self._log = gui.add_html(""), gui.add_html("")
+            self._button(name, color, partial(link.command, name), partial(self._is_possible, name))
+        self._text(lambda: log_of(self.seen))
+
+    def _beat(self) -> str:
+        """Return what tells the browser that it is heard, and whether the emergency stop is pressed."""
+        pressed = "1" * self.link.is_pressed
+        return f'<i id="sn-beat" data-beat="{time.monotonic():.1f}" data-pressed="{pressed}"></i>'
 
     def _add_drive(self) -> None:
-        gui = self.client.gui
+        gui, link, seen = self.client.gui, self.link, self.seen
         self._path = gui.add_dropdown("path", self.teaching.paths or [NO_PATH])
-        self._load = self._button("load path", OTHER, self._load_path, visible=False)
+        self._button("load path", OTHER, self._load_path, lambda: seen.state in AT_REST and self.teaching.paths)
         self._place = gui.add_dropdown("place", [NO_PLACE])
-        self._there = self._button("go there", MOVES, self._go, visible=False)
+        go, make_way = lambda: link.go(self._chosen()), lambda: self._make_way(self._chosen()[1:])
+        self._button("go there", MOVES, go, lambda: self._has_places() and link.has_navigator)
+        self._button("make the way there", OTHER, make_way, lambda: self._has_places() and not link.has_navigator)
         self._click = gui.add_dropdown("a click on the map", (LOOKS, GOES, NAMES, POSES))
         self._click.on_update(lambda _: self._on_mode())
-        self._to_goal = self._button("make the way to the goal", OTHER, self._go_to_click, visible=False)
-        self._new_place = gui.add_text("name of the place", "", visible=False)
-        self._keep_place = self._button("name it", OTHER, self._name_place, visible=False)
+        self._button(
+            "make the way to the goal",
+            OTHER,
+            lambda: self._make_way(self._clicked_at()),
+            lambda: self._click.value == GOES,
+        )
+        self._new_place = self._where(gui.add_text("name of the place", ""), lambda: self._click.value == NAMES)
+        self._button("name it", OTHER, self._name_place, lambda: self._click.value == NAMES)
         self._follows = gui.add_checkbox("map moves with the vehicle", True)
         self._is_watched = gui.add_checkbox("stop the vehicle when this page is lost (dead-man switch)", False)
         self._is_dark = gui.add_checkbox("dark", False)
         self._is_dark.on_update(lambda _: self._dress())
 
     def _add_teach(self) -> None:
-        gui, teaching = self.client.gui, self.teaching
+        gui, teaching, simulated = self.client.gui, self.teaching, self.page.simulated
         self._name = gui.add_text("name", "")
-        self._record = self._button("record", OTHER, lambda: teaching.record(self._name.value))
-        self._job = gui.add_html("")
-        self._hands, self._pace = gui.add_html(""), []
+        self._button("record", OTHER, lambda: teaching.record(self._name.value), lambda: not teaching.busy)
+        self._text(lambda: INDENTED.format(escape("" if teaching.busy else teaching.describe())))
+        self._text(lambda: INDENTED.format(escape(self._hands_off or "By hand, while a button is held:")))
         for name, (speed, turn) in PACE.items():
-            button = gui.add_button(name, color=MOVES)
-            button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
+            button = self._where(gui.add_button(name, color=MOVES), lambda: not self._hands_off)
+            button.on_hold(partial(self._hold, speed, turn), callback_hz=HOLD_HZ)
             button.on_click(lambda _: self.link.let_go())
-            self._pace.append(button)
-        if self.page.simulated:
-            self._rest = self._button("end localiser and follower", STOPS, self.page.simulated.rest, visible=False)
-        self._finish = self._button("end of the drive", OTHER, teaching.finish)
-        self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_DRIVE])
-        self._map = self._button("make its map", OTHER, lambda: teaching.map(self._recorded.value))
-        self._use_map = self._button("localise in its map", OTHER, self._use)
+        if simulated:
+            self._button("end localiser and follower", STOPS, simulated.rest, lambda: simulated.is_driven)
+        self._button("end of the drive", OTHER, teaching.finish, lambda: teaching.is_recording)
+        self._recorded = gui.add_dropdown("drive", [NO_DRIVE])
+        self._button(
+            "make its map",
+            OTHER,
+            lambda: teaching.map(self._recorded.value),
+            lambda: teaching.drives and not teaching.busy,
+        )
+        self._button(
+            "localise in its map",
+            OTHER,
+            self._use,
+            lambda: teaching.map_of(self._recorded.value) and not teaching.busy,
+        )
 
     def _add_camera(self) -> None:
         gui, grey = self.client.gui, to_rgb(np.full((120, 160), 128, np.uint8))
         self._shows_pictures = gui.add_checkbox("show pictures", False)
-        self._shows_pictures.on_update(lambda _: self.link.watch_pictures(self._shows_pictures.value))
         self._pictures = {
             "image": gui.add_image(grey, label="camera"),
             "residual": gui.add_image(grey, label="what the map does not explain (grey: as the map)"),
         }
 
-    def _button(self, label: str, color: str, act: Callable[[], str], *, visible: bool = True) -> Any:
-        """Return a button that carries out an act."""
-        button = self.client.gui.add_button(label, color=color, visible=visible)
+    def _text(self, tell: Callable[[], str]) -> None:
+        """Show what is told now, as HTML."""
+        self._texts.append((self.client.gui.add_html(""), tell))
+
+    def _button(self, label: str, color: str, act: Callable[[], str], holds: Callable[[], object]) -> None:
+        """Add a button that carries out an act, shown where something holds."""
+        button = self._where(self.client.gui.add_button(label, color=color), holds)
         button.on_click(lambda _: self._do(act))
-        return button
+
+    def _where(self, part: Any, holds: Callable[[], object]) -> Any:
+        """Show a part only where something holds."""
+        part.visible = False
+        self._shown.append((part, holds))
+        return part
+
+    def _is_possible(self, command: str) -> bool:
+        return possible(self.seen, self.link.is_pressed)[command]
+
+    def _has_places(self) -> bool:
+        return self.seen.state in AT_REST and bool(self.seen.places)
 
     # --- what is pressed
     def _do(self, act: Callable[[], str]) -> None:
         """Carry out what was pressed and tell all browsers how it went."""
         try:
-            self.link.seen.say(act())
+            self.seen.say(act())
         except (ValueError, OSError) as error:
-            self.link.seen.say(str(error))
+            self.seen.say(str(error))
 
     def _load_path(self) -> str:
         path = self.teaching.path_of(self._path.value)
-        return self.link.load_path(str(path)) if path else f"path: expected one in {self.teaching.folder}, found none"
+        return self.link.load(LOAD_PATH, path) if path else f"path: expected one in {self.teaching.folder}, found none"
 
-    def _hold(self, speed: float, turn: float) -> None:
+    def _hold(self, speed: float, turn: float, _: Any) -> None:
         refusal = self.link.hold(speed, turn)
-        if refusal and refusal not in "".join(self.link.seen.lines):
-            self.link.seen.say(refusal)
+        if refusal and refusal not in "".join(self.seen.lines):
+            self.seen.say(refusal)
 
-    def _go(self) -> str:
-        places = self.link.seen.told("places")[0] or ()
-        chosen = next((place for place in places if place.name == self._place.value), None)
-        if chosen is None:
-            return "place: expected one of route_navigator, found none"
-        return self.link.go(chosen) if self.link.has_navigator else self._make_way((chosen.x, chosen.y))
+    def _chosen(self) -> Place:
+        for place in self.seen.places:
+            if place.name == self._place.value:
+                return place
+        raise ValueError("place: expected one of route_navigator, found none")
 
-    def _go_to_click(self) -> str:
-        return self._make_way(self._clicked) if self._clicked else "goal: expected a click on the map, found none"
+    def _clicked_at(self) -> tuple[float, float]:
+        if self._clicked is None:
+            raise ValueError("map: expected a click on it, found none")
+        return self._clicked
 
     def _make_way(self, goal: tuple[float, float]) -> str:
         """Hand the way to a goal to the follower; nothing moves before start is pressed."""
         made, taught = self._in_use()
-        pose, age = self.link.seen.told("pose")
+        pose, age = self.seen.told("pose")
         if age > SILENT_S:
             return "goal: expected a localised vehicle, found no pose: see the state of the localisation"
         file = way_to(network_of(made, taught), pose[:3], goal, self.teaching.folder)
-        return f"way to {goal[0]:.1f}, {goal[1]:.1f}: {self.link.load_path(str(file))}; start drives"
+        return f"way to {goal[0]:.1f}, {goal[1]:.1f}: {self.link.load(LOAD_PATH, file)}; start drives"
 
     def _name_place(self) -> str:
-        if self._clicked is None:
-            return "place: expected a click on the map, found none"
         made, taught = self._in_use()
-        self.link.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked))
-        told = "; route_navigator reads it when it starts anew" if self.link.has_navigator else ""
+        self.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked_at()))
+        told = f"place {self._new_place.value}: kept in {made.name}"
         if self.page.simulated:
             self.page.simulated.guide(made)
-            told = ""
-        return f"place {self._new_place.value}: kept in {made.name}{told}"
+        elif self.link.has_navigator:
+            told += "; route_navigator reads it when it starts anew"
+        return told
 
     def _in_use(self) -> tuple[Path, Path | None]:
         """Return the map that the localiser uses, and the path taught with it; ValueError where it is not here."""
@@ -240,30 +267,26 @@ class Desk:
         return made, self.teaching.path_of(f"{made.name.removesuffix('_map')}.tum")
 
     def _on_mode(self) -> None:
-        """Show what a click on the map is for."""
-        mode, scene = self._click.value, self.client.scene
-        for part, wanted in ((self._to_goal, GOES), (self._new_place, NAMES), (self._keep_place, NAMES)):
-            part.visible = mode == wanted
-        if mode != POSES:
-            scene.remove_by_name("/floor")
-            return
-        floor = scene.add_box("/floor", dimensions=(2000.0, 2000.0, 0.01), position=(0.0, 0.0, -0.1), opacity=0.02)
-        floor.on_drag("left")(self._on_drag)
+        """Lay a floor, on which a pose can be dragged, where a click on the map is for that."""
+        scene = self.client.scene
+        scene.remove_by_name("/floor")
+        if self._click.value == POSES:
+            floor = scene.add_box("/floor", dimensions=(2000.0, 2000.0, 0.01), position=(0.0, 0.0, -0.1), opacity=0.02)
+            floor.on_drag("left")(self._on_drag)
 
     def _on_click(self, event: Any) -> None:
         point = ground_point(event.ray_origin, event.ray_direction)
         if point is not None and self._click.value in (GOES, NAMES):
             self._clicked = float(point[0]), float(point[1])
-            self.chart.mark("clicked", [point])
+            self.chart.mark("clicked", point)
 
     def _on_drag(self, event: Any) -> None:
         """Show the pose that is dragged; where the button is let go, tell it."""
         camera = np.asarray(self.client.camera.position)
-        ends = np.array([event.start_position, event.end_position])
-        begin, end = (ground_point(camera, at - camera) for at in ends)
+        begin, end = (ground_point(camera, np.array(at) - camera) for at in (event.start_position, event.end_position))
         if begin is None or end is None or np.hypot(*(end - begin)) < 0.1:
             return
-        self.chart.mark("dragged", [begin, end])
+        self.chart.mark("dragged", begin, end)
         if event.phase == "end":
             yaw = math.atan2(*(end - begin)[::-1])
             self._do(lambda: self.link.guess_pose(float(begin[0]), float(begin[1]), yaw))
@@ -275,8 +298,8 @@ class Desk:
             return f"map: expected one in {self.teaching.folder}, found none: make it first"
         if self.page.simulated is not None and path is not None:
             return self.page.simulated.use(made, path)
-        told = self.link.load_map(str(made))
-        return f"{told}; {self.link.load_path(str(path))}" if path else told
+        told = self.link.load(LOAD_MAP, made)
+        return f"{told}; {self.link.load(LOAD_PATH, path)}" if path else told
 
     # --- what changes by itself
     def _dress(self) -> None:
@@ -285,22 +308,12 @@ class Desk:
 
     def _live(self) -> None:
         """Show what is new until the browser leaves."""
-        picture_s = 0.0
-        try:
+        with suppress(RuntimeError):  # it has left
             with suppress(TimeoutError):
                 self._is_dark.value = bool(self.client.local_storage.get_item(DARK_KEY, timeout=1.0))
             while self.page.has(self.client):
                 self._show()
-                if self._shows_pictures.value and time.monotonic() - picture_s > PICTURE_S:
-                    picture_s = time.monotonic()
-                    self._show_pictures()
                 time.sleep(PERIOD_S)
-        except RuntimeError:
-            pass  # it has left
-        finally:
-            for is_watching in (self._shows_pictures.value, self._is_heard):
-                if is_watching:
-                    self.link.watch_pictures(False)
 
     def _watch(self) -> None:
         """Press the emergency stop when the page is lost while its dead-man switch is on: once, until it lives again.
@@ -327,54 +340,25 @@ class Desk:
         return True
 
     def _show(self) -> None:
-        seen, teaching = self.link.seen, self.teaching
-        told, is_recording = teaching.describe(), teaching.is_recording
-        if is_recording != self._is_heard:  # whether images come is of interest as long as a drive is recorded
-            self._is_heard = is_recording
-            self.link.watch_pictures(is_recording)
-            if teaching.name in teaching.drives:
-                self._recorded.options, self._recorded.value = tuple(teaching.drives), teaching.name
-        self._banner.content = self.page.state()
-        self._scale.content = self.chart.scale()
-        self._past.content = timeline(seen)
-        self._log.content = log_of(seen)
-        self._health.content = health(seen)
-        self._job.content = INDENTED.format(escape("" if teaching.busy else told))
-        pressed = self.link.is_pressed
-        self._beat.content = f'<i id="sn-beat" data-beat="{time.monotonic():.1f}" data-pressed="{"1" * pressed}"></i>'
-        self._release.visible = pressed
-        for name, is_shown in possible(seen, pressed).items():
-            self._buttons[name].visible = is_shown
-        self._offer()
+        seen, teaching, self._hands_off = self.seen, self.teaching, self.link.hands_off()
+        for part, tell in self._texts:
+            part.content = tell()
         for part, choice in (
             (self._path, teaching.paths or [NO_PATH]),
             (self._recorded, teaching.drives or [NO_DRIVE]),
-            (self._place, [place.name for place in seen.told("places")[0] or ()] or [NO_PLACE]),
+            (self._place, [place.name for place in seen.places] or [NO_PLACE]),
         ):
             if part.options != tuple(choice):
                 part.options = choice
-        self._there.label = "go there" if self.link.has_navigator else "make the way there"
-        self._there.color = MOVES if self.link.has_navigator else OTHER
+                if part is self._recorded and teaching.name in choice:  # it has just been recorded
+                    part.value = teaching.name
+        for part, holds in self._shown:
+            part.visible = bool(holds())
         self.chart.show(seen, self.page.ground(), self._follows.value)
-
-    def _offer(self) -> None:
-        """Show the parts that do something now."""
-        seen, teaching = self.link.seen, self.teaching
-        takes_path = seen.state in AT_REST
-        is_busy = bool(teaching.busy)
-        hands_off = self.link.hands_off()
-        self._hands.content = INDENTED.format(escape(hands_off or "By hand, while a button is held:"))
-        for part, is_shown in (
-            *((button, not hands_off) for button in self._pace),
-            (self._load, takes_path and bool(teaching.paths)),
-            (self._there, takes_path and bool(seen.told("places")[0])),
-            *([(self._rest, self.page.simulated.is_driven)] if self.page.simulated else []),
-            (self._record, not is_busy),
-            (self._finish, teaching.is_recording),
-            (self._map, not is_busy and bool(teaching.drives)),
-            (self._use_map, not is_busy and teaching.map_of(self._recorded.value) is not None),
-        ):
-            part.visible = is_shown
+        if self._shows_pictures.value:
+            self._show_pictures()
+        if self._shows_pictures.value or teaching.is_recording:  # whether images come is told while a drive is recorded
+            self.link.want_pictures()
 
     def _show_pictures(self) -> None:
         for name, shown in self._pictures.items():

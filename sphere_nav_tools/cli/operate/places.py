@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from path_follower.routes.network import Network
-from path_follower.routes.network_file import network_path, read_network, to_geojson
+from path_follower.routes.network_file import network_path, read_network
 from path_follower.routes.planning import plan
-from sphere_nav_tools.cli.operate.words import Place, places_of
+from sphere_nav_tools.cli.operate.words import Place
 
 COURSE = "course.csv"
 CRUISE = 1.4  # m/s, by which ways are compared
@@ -15,12 +15,12 @@ CRUISE = 1.4  # m/s, by which ways are compared
 
 def network_of(made: Path, taught: Path | None) -> Network:
     """Return the network of a map; or that of the drive that it was made of. ValueError for neither."""
-    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
-
     if network_path(made).exists():
         return read_network(network_path(made))
     if taught is None:
         raise ValueError("places: expected a map with a taught path, found none: sphere_nav route build makes one")
+    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
+
     return routes.read_network_of([taught], routes.map_id_of(made))
 
 
@@ -29,7 +29,7 @@ def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
     named = routes.name_place(network_path(made), network_of(made, taught), name, x, y, None)
-    return places_of(to_geojson(named, is_dense=False))
+    return [Place(name, *named.nodes[node].pose[:2]) for name, node in named.places.items()]
 
 
 def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float, float], folder: Path) -> Path:

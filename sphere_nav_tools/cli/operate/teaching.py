@@ -12,6 +12,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
@@ -28,18 +29,17 @@ LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node 
 MAX_LINE = 200
 
 
-class Teaching:
+class Teaching(Processes):
     """One job at a time in one folder: NAME (the bag), NAME_map, NAME.tum."""
 
     def __init__(self, folder: Path, record: Sequence[str], mapping: Sequence[str]) -> None:
         """`record`: words for bag_recorder after its output; `mapping`: more words for `sphere_nav map`."""
-        self.folder, self._record, self._mapping = folder.resolve(), tuple(record), tuple(mapping)
-        self._processes = Processes(self.folder)
+        super().__init__(folder.resolve())
+        self._record, self._mapping = tuple(record), tuple(mapping)
         self._process: subprocess.Popen[bytes] | None = None
         self._job, self.name, self._begun = "", "", 0.0
-        self._ids: dict[Path, str] = {}  # of the maps
 
-    def check(self, name: str) -> str:
+    def check_name(self, name: str) -> str:
         """Return why a drive cannot have this name; empty where it can."""
         if not NAME.fullmatch(name):
             return f"name: expected letters, digits, _ and -, found {name[:64]!r}"
@@ -48,15 +48,14 @@ class Teaching:
 
     def record(self, name: str) -> str:
         """Begin to record."""
-        refusal = self.busy or self.check(name)
-        if refusal:
-            return refusal
         words = ["--ros-args", "-p", f"output:={self.folder / name}", *self._record]
-        return self._start("recording", name, node_command("bag_recorder", *words))
+        return (
+            self.busy or self.check_name(name) or self._begin("recording", name, node_command("bag_recorder", *words))
+        )
 
     def finish(self) -> str:
         """End the recording in order."""
-        if self._job != "recording" or self._process is None or self._process.poll() is not None:
+        if self._process is None or not self.is_recording:
             return "nothing is being recorded"
         self._process.send_signal(signal.SIGINT)
         return f"{self.name}: the recording is being completed"
@@ -67,13 +66,18 @@ class Teaching:
             return self.busy or f"drive: expected a recorded one in {self.folder}, found none"
         bag, made, taught = self._made(name)
         words = ["map", str(bag), "-o", str(made), "--taught", str(taught), *self._mapping]
-        return self._start("mapping", name, python_command(MAPPING, *words))
+        return self._begin("mapping", name, python_command(MAPPING, *words))
 
     @property
     def busy(self) -> str:
         """What is going on; empty where nothing is."""
         is_running = self._process is not None and self._process.poll() is None
         return f"{self._job} {self.name} is not over" if is_running else ""
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether a drive is being recorded."""
+        return self._job == "recording" and bool(self.busy)
 
     @property
     def drives(self) -> list[str]:
@@ -93,12 +97,8 @@ class Teaching:
 
     def with_map(self, map_id: str) -> Path | None:
         """Return the map in the folder that has this id; None where there is none."""
-        for name in self.drives:
-            made = self.map_of(name)
-            if made is not None and made not in self._ids:
-                with open_map(made) as reader:
-                    self._ids[made] = str(reader.info.map_id)
-        return next((made for made, found in self._ids.items() if map_id and found == map_id), None)
+        maps = filter(None, map(self.map_of, self.drives))
+        return next((made for made in maps if map_id and id_of(made, made.stat().st_mtime_ns) == map_id), None)
 
     def map_of(self, drive: str) -> Path | None:
         """Return the map of a drive; None where there is none."""
@@ -110,35 +110,30 @@ class Teaching:
         is_here = Path(os.path.realpath(path)).is_relative_to(self.folder)
         return is_here and all(self._holds(part) for part in path.glob("*"))
 
-    @property
-    def is_recording(self) -> bool:
-        """Whether a drive is being recorded."""
-        return self._job == "recording" and bool(self.busy)
-
     def describe(self) -> str:
         """Return in one line what is going on, or how it ended."""
         if self._process is None:
             return ""
-        words = self._processes.last_words(f"{self.name}.{self._job}")
-        status, said = self._process.poll(), LOG_HEAD.sub("", words)[:MAX_LINE]
-        if status is None:
-            seconds = time.monotonic() - self._begun
-            size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
-            left = shutil.disk_usage(self.folder).free / 1e9
-            grown = f", {size:.1f} MB, {size / max(seconds, 1.0):.1f} MB/s, {left:.0f} GB left"
-            return f"{self._job} {self.name}: {seconds:.0f} s{grown if self.is_recording else f' {said}'}".strip()
-        if status == 0 and self._job == "mapping":
-            self._ids.pop(self._made(self.name)[1], None)
-        return f"{self._job} {self.name}: {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()
-
-    def close(self) -> None:
-        """End what still goes on, in order."""
-        self._processes.__exit__(None, None, None)
+        status, head = self._process.poll(), f"{self._job} {self.name}:"
+        said = LOG_HEAD.sub("", self.last_words(f"{self.name}.{self._job}"))[:MAX_LINE]
+        if status is not None:
+            return f"{head} {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()
+        if self._job == "recording":
+            size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*"))
+            said = f"{size / 1e6:.1f} MB, {shutil.disk_usage(self.folder).free / 1e9:.0f} GB left"
+        return f"{head} {time.monotonic() - self._begun:.0f} s {said}".strip()
 
     def _made(self, name: str) -> tuple[Path, Path, Path]:
         return self.folder / name, self.folder / f"{name}_map", self.folder / f"{name}.tum"
 
-    def _start(self, job: str, name: str, command: list[str]) -> str:
+    def _begin(self, job: str, name: str, command: list[str]) -> str:
         self._job, self.name, self._begun = job, name, time.monotonic()
-        self._process = self._processes.begin(f"{name}.{job}", command)
+        self._process = self.begin(f"{name}.{job}", command)
         return f"{job} {name}"
+
+
+@cache
+def id_of(made: Path, changed_ns: int) -> str:
+    """Return the id of a map as it is since a time."""
+    with open_map(made) as reader:
+        return str(reader.info.map_id)

@@ -7,27 +7,29 @@ import re
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sphere_nav.geometry.arrays import Array, Floats
-from sphere_nav.geometry.files.untrusted import load_json, number
+from sphere_nav.geometry.files.untrusted import load_json
 from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 
-MAX_TOLD, MAX_PAST = 8, 500  # lines of the log that are shown; states of the vehicle that are remembered
+MAX_TOLD = 50  # lines of the log
 MAX_DRAWN = 2000  # points of a line on the map
-LEVELS, URGENCY = ("OK", "WARN", "ERROR", "STALE"), (3, 2, 0, 1)  # how soon each of them is told
 GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
+LEVELS = ((3, "OK", GOOD), (2, "WARN", FAIR), (0, "ERROR", BAD), (1, "STALE", NONE))  # how soon each of them is told
 # One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
-COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
+COLORS = {"RECORDING": GOOD, "MAPPING": GOOD, "DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD}
+COLORS |= {"SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
 COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
 CALL = re.compile(r"\bcall (start|resume|stop)\b")  # of a node, where a reader of the page has buttons
 RELOCALIZE = re.compile(r"\b(call )?relocalize( of the localiser)?\b")
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 IS_IT_RUNNING = "is the node running, in this domain and namespace?"
-PAST_S, GONE_S = 300.0, 30.0  # of the time line; after which who has ended is no longer told of
+GONE_S = 30.0  # s after which who has ended is no longer told of
 
 
 class Place(NamedTuple):
@@ -46,19 +48,17 @@ class Heard:
         self._lock = threading.Lock()
         self.lines: deque[str] = deque(maxlen=MAX_TOLD)
         self.refused = ""  # the last command, and why, until the next one
-        self.past: deque[tuple[float, str, str]] = deque(maxlen=MAX_PAST)  # since when, state and reason
 
     def hear(self, name: str, value: Any) -> None:
-        """Keep a value."""
+        """Keep a value; what the follower does, and since when it was silent, is told among what was done."""
         now = time.monotonic()
         with self._lock:
-            _, heard = self._told.get(name, (None, now))
+            last, heard = self._told.get(name, (None, now))
             self._told[name] = value, now
         if name == "follower":
-            if now - heard > SILENT_S:
-                self.past.append((heard, "UNKNOWN", "silent"))
-            if not self.past or self.past[-1][1:] != (value.state, value.reason):
-                self.past.append((now, value.state, value.reason))
+            silence = f" after {now - heard:.0f} s of silence" * (now - heard > SILENT_S)
+            if silence or last is None or (last.state, last.reason) != (value.state, value.reason):
+                self.say(f"vehicle: {value.state} {value.reason}".rstrip() + silence)
 
     def told(self, name: str) -> tuple[Any, float]:
         """Return the newest value and its age in s; None and infinity before the first."""
@@ -83,6 +83,16 @@ class Heard:
         mission, age = self.told("mission")
         return mission.state if age < MISSION_S else "IDLE"
 
+    @property
+    def placed(self) -> str:
+        """By what it is known where the vehicle is: `pose` in the map, `wheels` where nobody localises."""
+        return "wheels" if self.told("pose")[0] is None else "pose"
+
+    @property
+    def places(self) -> Sequence[Place]:
+        """The named places, as far as they were heard."""
+        return self.told("places")[0] or ()
+
     def say(self, line: str) -> None:
         """Add a line to what was done."""
         self.lines.appendleft(f"{time.strftime('%H:%M:%S')} {by_buttons(line)}")
@@ -96,15 +106,10 @@ def by_buttons(text: str, state: str = "") -> str:
 
 
 def places_of(text: str) -> list[Place]:
-    """Return the named points of a network in GeoJSON (`path_follower/routes`); ValueError for what is none."""
-    found, places = load_json("network", text), []
-    features = found.get("features") if isinstance(found, dict) else None
-    for i, feature in enumerate(features if isinstance(features, list) else []):
-        geometry, properties = (feature.get(key) or {} for key in ("geometry", "properties"))
-        if geometry.get("type") == "Point":
-            x, y = (number(value, f"network: features[{i}]: coordinates") for value in geometry["coordinates"][:2])
-            places += [Place(str(name), x, y) for name in properties.get("names", ())]
-    return places
+    """Return the named points of a network in GeoJSON (`path_follower/routes`)."""
+    points = [one for one in load_json("network", text)["features"] if one["geometry"]["type"] == "Point"]
+    named = [(name, one["geometry"]["coordinates"]) for one in points for name in one["properties"].get("names", ())]
+    return [Place(str(name), float(x), float(y)) for name, (x, y) in named]
 
 
 def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
@@ -113,7 +118,7 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     `job`: what is being recorded or mapped; `remedy`: where nothing was heard; whatever the nodes say is text.
     """
     word, _, rest = job.partition(" ")
-    rows = [_row("teaching", word.upper(), rest, "", GOOD)] if job else []
+    rows = [_row("teaching", word.upper(), rest, "")] if job else []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
         status, age = seen.told(name)
         if status is None and job:
@@ -123,8 +128,8 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
             rows.append(_row(title, "UNKNOWN", since, remedy if not rows else ""))
             continue
         found = f"{status.value:.3g}, limit {status.limit:.3g}" if status.limit else ""
-        reason = " ".join(word for word in (status.reason, found) if word)
-        rows.append(_row(title, status.state, reason, by_buttons(status.remedy, status.state)))
+        remedy = by_buttons(status.remedy, status.state)
+        rows.append(_row(title, status.state, f"{status.reason} {found}".strip(), remedy))
     rows[0] = rows[0].replace("<b ", '<b class="sn-word" ', 1)
     if seen.state:
         status, _ = seen.told("follower")
@@ -136,87 +141,53 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     return f'<div class="sn-state">{"".join(rows)}</div>'
 
 
-def _row(title: str, state: str, reason: str, remedy: str, color: str = "") -> str:
-    color = color or (NONE if state == "UNKNOWN" and reason == "nothing heard" else COLORS.get(state, BAD))
+def _row(title: str, state: str, reason: str, remedy: str) -> str:
+    color = NONE if reason == "nothing heard" else COLORS.get(state, BAD)
     why = f"<div>{escape(reason)}</div>" if reason else ""
     what = f"<div>&rarr; {escape(remedy)}</div>" if remedy else ""
     head = f'<b style="background:{color};color:white;padding:0 0.4em">{escape(state)}</b> {escape(title)}'
     return f'<div style="margin-bottom:0.4em">{head}{why}{what}</div>'
 
 
-def timeline(seen: Heard) -> str:
-    """Return what the vehicle did in the last minutes as HTML, now at the right."""
-    now, past = time.monotonic(), list(seen.past)
-    status, age = seen.told("follower")
-    if status is not None and age > SILENT_S:
-        past.append((now - age, "UNKNOWN", "silent"))
-    first = max(past[0][0], now - PAST_S) if past else now
-    parts = [f'<div style="flex:{PAST_S - (now - first):.1f}"></div>']
-    for (begin, state, reason), end in zip(past, [*(begin for begin, _, _ in past[1:]), now], strict=True):
-        if end > first:
-            told = escape(f"{state} {reason}, {now - begin:.0f} s ago")
-            style = f"flex:{end - max(begin, first):.1f};background:{COLORS.get(state, BAD)}"
-            parts.append(f'<div style="{style}" title="{told}">{escape(state)}</div>')
-    ticks = f"<span>-{PAST_S / 60:.0f} min</span><span>now</span>"
-    line = f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
-    return f'<div class="sn-past"><div class="sn-bar">{"".join(parts)}</div>{line}</div>'
-
-
 def round_length(most: float) -> float:
     """Return the largest 1, 2 or 5 times a power of ten that is not above a length."""
-    length = 10.0 ** math.floor(math.log10(max(most, 1e-3)))
-    return float(length * next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= max(most, 1e-3)))
-
-
-def scale_bar(metres_a_pixel: float, turn_deg: float, legend: str) -> str:
-    """Return a bar of a round length, an arrow that points to y of the map, and a legend, as HTML."""
-    length = round_length(120.0 * metres_a_pixel)
-    arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn_deg:.0f})">'
-    arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="currentColor"/></g></svg>'
-    bar = f'<i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y'
-    return f'<div class="sn-scale">{bar}<div>{legend}</div></div>'
+    length = 10.0 ** math.floor(math.log10(most))
+    return float(length * next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= most))
 
 
 def log_of(seen: Heard) -> str:
     """Return what was done as HTML, the newest first; before it, the command that was refused."""
     refused = f'<div class="sn-refused">NOT DONE: {escape(seen.refused)}</div>' if seen.refused else ""
-    told = [line for line in list(seen.lines) if not (refused and line.endswith(seen.refused))]
-    lines = "".join(f"<div>{escape(line)}</div>" for line in told)
+    lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
     return f'{refused}<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
 
 
 def health(seen: Heard) -> str:
     """Return /diagnostics as HTML, what is wrong first; what is not repeated becomes STALE, then goes."""
     known, _ = seen.told("diagnostics")
-    now, cells = time.monotonic(), []
+    now = time.monotonic()
     rows = [
-        (level if now - heard < 5 * SILENT_S else len(LEVELS) - 1, name, text)
+        (*LEVELS[level if now - heard < 5 * SILENT_S else -1], name, text)
         for name, (level, text, heard) in (known or {}).items()
         if now - heard < GONE_S
     ]
-    for level, name, text in sorted(rows, key=lambda row: (URGENCY[row[0]], row[1])):
-        color, word = (GOOD, FAIR, BAD, NONE)[level], LEVELS[level]
-        cells.append(f'<div><b style="color:{color}">{word}</b> {escape(name)}: {escape(text)}</div>')
-    return f'<div style="padding:0 1em;font-size:0.8em">{"".join(cells) or "nothing heard"}</div>'
+    lines = "".join(
+        f'<div><b style="color:{color}">{word}</b> {escape(name)}: {escape(text)}</div>'
+        for _, word, color, name, text in sorted(rows)
+    )
+    return f'<div style="padding:0 1em;font-size:0.8em">{lines or "nothing heard"}</div>'
 
 
-def ellipse(x: float, y: float, covariance: Array) -> Array:
-    """Return points (N, 2) of the closed line that a place (m, covariance (2, 2) m^2) is within, at 2 deviations."""
-    values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+def ellipse(covariance: Array) -> Array:
+    """Return points (N, 2) of the closed line that a place (covariance (2, 2) m^2) is within, at 2 deviations."""
+    axes, values, _ = np.linalg.svd(covariance)
     turn = np.linspace(0.0, 2.0 * np.pi, 48)
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    return circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
-
-
-def way_driven(seen: Heard) -> Any:
-    """Return the way driven, points (x, y): in the map, or by the wheels where nobody localises; None for none."""
-    return seen.told("odometry" if seen.told("pose")[0] is None else "trail")[0]
+    return np.stack([np.cos(turn), np.sin(turn)], axis=-1) * (2.0 * np.sqrt(values)) @ axes.T
 
 
 def pieces(points: Any, height: float) -> Floats:
-    """Return the pieces (N, 2, 3) of a line through points (M, 2), at most `MAX_DRAWN`; none through fewer than two."""
+    """Return the pieces (N, 2, 3) of a line through points (M, 2), at most `MAX_DRAWN`."""
     line = np.asarray(points, dtype=np.float32).reshape(-1, 2)
-    if len(line) > MAX_DRAWN:
-        line = line[np.unique(np.linspace(0, len(line) - 1, MAX_DRAWN).astype(int))]
+    line = line[np.unique(np.linspace(0, len(line) - 1, min(len(line), MAX_DRAWN)).astype(int))]
     solid = np.column_stack([line, np.full(len(line), height, np.float32)])
-    return np.stack([solid[:-1], solid[1:]], axis=1) if len(solid) > 1 else np.empty((0, 2, 3), np.float32)
+    return np.stack([solid[:-1], solid[1:]], axis=1)

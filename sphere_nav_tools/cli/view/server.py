@@ -7,7 +7,6 @@ sends it as the background. viser is imported when the page is made: a vehicle n
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +23,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes, to_rgb
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
-from sphere_nav_tools.cli.gate import WebPage
+from sphere_nav_tools.cli.gate import Address, WebPage, browser_pose
 from sphere_nav_tools.cli.operate.words import round_length
 
 MIN_EXTENT_M, MARGIN = 10.0, 1.15  # of what the small map shows: at least; as many times the extent of the graph
@@ -40,16 +39,16 @@ class Minimap:
         side = MARGIN * max(float((high - low).max()), MIN_EXTENT_M)
         (x, y), self._thin = 0.5 * (low + high) - 0.5 * side, 0.005 * side
         bar = round_length(0.4 * side)
+        paths = (
+            f'<path d="{"".join(f"M{a} {b}L{c} {d}" for (a, b, _), (c, d, _) in ends)}" stroke="rgb{COLORS[name]}"/>'
+            for name, ends in edges_of(graph).items()
+        )
+        dots = (f'<circle cx="{a}" cy="{b}" r="{self._thin}" fill="rgb{COLORS["key"]}"/>' for a, b in places.values())
         self._head = (
             f'<svg viewBox="{x} {-y - side} {side} {side}" stroke-width="{self._thin}" style="background:white">'
+            f'<text x="{x}" y="{-y - 3 * self._thin}" font-size="{8 * self._thin}">{bar:g} m</text>'
+            f'<g transform="scale(1 -1)"><path d="M{x} {y}h{bar}" stroke="black"/>{"".join([*paths, *dots])}'
         )
-        self._head += f'<text x="{x}" y="{-y - 3 * self._thin}" font-size="{8 * self._thin}">{bar:g} m</text>'
-        self._head += f'<g transform="scale(1 -1)"><path d="M{x} {y}h{bar}" stroke="black"/>'
-        for edge in graph.edges:
-            (a, b), (c, d) = places[edge.a], places[edge.b]
-            self._head += f'<path d="M{a} {b}L{c} {d}" stroke="rgb{COLORS["loops" if edge.is_loop else "way"]}"/>'
-        for a, b in places.values():
-            self._head += f'<circle cx="{a}" cy="{b}" r="{self._thin}" fill="rgb{COLORS["key"]}"/>'
 
     def draw(self, T_map_camera: SE3) -> str:
         """Return the picture with an arrow that points to where a camera (z forward) looks."""
@@ -60,8 +59,8 @@ class Minimap:
 
 MAX_SIDE, MOVING_SIDE = 800, 480  # px, of a view, and of one while the camera moves; the browser enlarges it
 NUM_FILLING, STILL_S = 4, 0.3  # key spheres of a view once the camera stands, and when it does
-KEYS = "**W A S D** move, **Q E** down and up, mouse turns, wheel nears; a click on a key sphere flies there."
-FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
+PAUSE_S = 0.1  # between two looks at whether a pause is over
+KEYS = "**W A S D** move, **Q E** down and up, mouse turns, wheel nears; a click on a key sphere goes there."
 ANY_LOOK = "the nearest key spheres"
 
 
@@ -70,18 +69,16 @@ class Page(WebPage):
 
     def __init__(
         self,
+        address: Address,
         graph: SphereGraph,
         scene: Scene,
         start: SE3,
         experience: Experience | None = None,
-        *,
-        place: tuple[str, int],
-        token: str,
     ) -> None:
         """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
         self._first, self._start = experience, start
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
-        super().__init__("view", place, token)
+        super().__init__(address)
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)
         initial.near, initial.far = 0.05, 500.0
@@ -91,51 +88,39 @@ class Page(WebPage):
 
     def show(self, stamp_ns: int, image: Bytes, estimate: CameraEstimate, camera: Camera) -> None:
         """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
-        gui, handles, T_map_camera = self.server.gui, self._drive, estimate.T_map_camera
-        text, shot = describe(estimate.status, stamp_ns), to_rgb(image)
-        if not handles:
-            handles["pause"] = gui.add_checkbox("pause the drive", False)
-            handles["ride"] = gui.add_checkbox("ride along", False)
-            handles["text"] = gui.add_markdown(text)
-            handles["image"] = gui.add_image(shot, label="camera")
-            gray = np.full(image.shape[:2], 128, np.uint8)
-            handles["residual"] = gui.add_image(to_rgb(gray), label="residual (grey: as the map)")
-        handles["text"].content, handles["image"].image = text, shot
+        gui, T_map_camera, shot = self.server.gui, estimate.T_map_camera, to_rgb(image)
+        residual = np.zeros(image.shape[:2], np.uint8)
         if estimate.candidate is not None:
             residual = residual_image(to_gray_bytes(image), camera, estimate.candidate)
-            handles["residual"].image = to_rgb(residual)
+        picture, text = np.vstack([shot, to_rgb(residual)]), describe(estimate.status, stamp_ns)
+        if not self._drive:
+            self._drive = {
+                "pause": gui.add_checkbox("pause the drive", False),
+                "ride": gui.add_checkbox("ride along", False),
+                "text": gui.add_markdown(text),
+                "picture": gui.add_image(picture, label="camera, residual (grey: as the map)"),
+            }
+        self._drive["text"].content, self._drive["picture"].image = text, picture
         if T_map_camera is not None:
             x, y, z, w = T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
                 "/drive",
-                **drawn_lens(camera),
+                fov=2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian)),
+                aspect=camera.width / camera.height,
                 scale=0.3,
                 color=COLORS["camera"],
                 wxyz=(w, x, y, z),
                 position=T_map_camera.translation,
             )
-            for client in self.server.get_clients().values() if handles["ride"].value else ():
+            for client in self.server.get_clients().values() if self._drive["ride"].value else ():
                 put(client, T_map_camera)
-        while handles["pause"].value and not self.closed.wait(FLIGHT_STEP_S):
+        while self._drive["pause"].value and not self.closed.wait(PAUSE_S):
             pass
-
-    def fly(self, client: Any, target: SE3) -> None:
-        """Move the camera of a browser to a pose, slow at both ends."""
-        begin, start = browser_pose(client.camera), time.monotonic()
-        way = (begin.inverse() @ target).log()
-        share = 0.0
-        while share < 1.0 and not self.closed.wait(FLIGHT_STEP_S):
-            share = min((time.monotonic() - start) / FLIGHT_S, 1.0)
-            T = begin @ SE3.exp(way * (3.0 - 2.0 * share) * share**2)
-            put(client, T)
 
     def _add_graph(self) -> None:
         scene = self.server.scene
-        for name, is_loop in (("way", False), ("loops", True)):
-            edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
-            if edges:
-                ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
-                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=COLORS[name])
+        for name, ends in edges_of(self._graph).items():
+            scene.add_line_segments(f"/graph/{name}", points=ends.astype(np.float32), colors=COLORS[name])
         for node in self._graph:
             handle = scene.add_icosphere(
                 f"/graph/key_sphere_{node.id}",
@@ -143,7 +128,7 @@ class Page(WebPage):
                 color=COLORS["key"],
                 position=node.T_map_sphere.translation,
             )
-            handle.on_click(lambda event, T=node.T_map_sphere: self.fly(event.client, T @ T_BODY_OPTICAL))
+            handle.on_click(lambda event, T=node.T_map_sphere: put(event.client, T @ T_BODY_OPTICAL))
 
     def _welcome(self, client: Any) -> None:
         """Set a new browser up, with a thread that draws for it."""
@@ -151,31 +136,29 @@ class Page(WebPage):
         client.camera.on_update(lambda _: changed.set())
         client.gui.add_markdown(KEYS)
         target = client.gui.add_number("key sphere", 0, min=0, max=max(self._graph.nodes), step=1)
-        client.gui.add_button("fly there").on_click(lambda _: self._fly_to_id(client, int(target.value)))
-        has_pictures = client.gui.add_checkbox("synthesised view", True)
-        has_pictures.on_update(lambda _: changed.set())
+        client.gui.add_button("go there").on_click(lambda _: go_to(int(target.value)))
         looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
         look = client.gui.add_dropdown("experience", tuple(looks), str(self._first or ANY_LOOK))
         look.visible = len(looks) > 2
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         minimap = client.gui.add_html(self._minimap.draw(browser_pose(client.camera)))
-        client.gui.add_button("back to the start").on_click(lambda _: self.fly(client, self._start))
+        client.gui.add_button("back to the start").on_click(lambda _: put(client, self._start))
         shot = client.gui.add_button("screenshot")
 
+        def go_to(sphere_id: int) -> None:
+            if sphere_id in self._graph.nodes:
+                put(client, self._graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL)
+
         def draw(is_still: bool) -> bool:
-            T = browser_pose(client.camera)
+            """Draw a small view while the camera moves, its holes filled when it stands; whether it is whole."""
+            T, chosen = browser_pose(client.camera), looks[look.value]
             minimap.content = self._minimap.draw(T)
-            if not has_pictures.value:
-                client.scene.set_background_image(None)
-                return True
-            begin = time.perf_counter()
-            view, is_whole = self._view(client, T, looks[look.value], is_still)
+            count, side = (NUM_FILLING, MAX_SIDE) if is_still else (NUM_BLENDED, MOVING_SIDE)
+            is_whole, lens = self._scene.is_ready(T, chosen, count), browser_camera(client.camera, side)
+            view = self._scene.render(T, lens, chosen, is_waiting=False, count=count)
             client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=85)
-            text.content = (
-                f"{whereabouts(self._graph, T)}\n\n"
-                f"{1e3 * (time.perf_counter() - begin):.0f} ms a view, {100 * view.is_known.mean():.0f} % seen"
-            )
+            text.content = f"{whereabouts(self._graph, T)}\n\n{100 * view.is_known.mean():.0f} % seen"
             return is_whole
 
         def send_screenshot(_: Any) -> None:
@@ -186,20 +169,6 @@ class Page(WebPage):
         shot.on_click(send_screenshot)
         changed.set()
         threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
-
-    def _view(self, client: Any, T: SE3, experience: Experience | None, is_still: bool) -> tuple[SynthesizedView, bool]:
-        """Return what is ready of a view, and whether nothing is on its way any more.
-
-        While the camera moves it is small; when it stands the next key spheres fill its holes.
-        """
-        count, side = (NUM_FILLING, MAX_SIDE) if is_still else (NUM_BLENDED, MOVING_SIDE)
-        is_whole = self._scene.is_ready(T, experience, count)
-        lens = browser_camera(client.camera, side)
-        return self._scene.render(T, lens, experience, is_waiting=False, count=count), is_whole
-
-    def _fly_to_id(self, client: Any, sphere_id: int) -> None:
-        if sphere_id in self._graph.nodes:
-            self.fly(client, self._graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL)
 
     def _follow(self, client: Any, changed: threading.Event, draw: Callable[[bool], bool]) -> None:
         """Draw whenever the camera of a browser has moved, and once more when it stands, until it leaves."""
@@ -213,10 +182,19 @@ class Page(WebPage):
                 is_whole = draw(True)  # else what is on its way will be there
 
 
+def edges_of(graph: SphereGraph) -> dict[str, Array]:
+    """Return the ends (N, 2, 3) of the edges along the way, and of the loops; neither where there is none."""
+    found: dict[str, list[list[Array]]] = {}
+    for edge in graph.edges:
+        ends = [graph[end].T_map_sphere.translation for end in (edge.a, edge.b)]
+        found.setdefault("loops" if edge.is_loop else "way", []).append(ends)
+    return {name: np.array(ends) for name, ends in found.items()}
+
+
 def describe(status: Status, stamp_ns: int) -> str:
     """Return state, reason and quality, in words."""
     words = [f"**{status.state}**", status.reason, f"{stamp_ns / 1e9:.2f} s", f"quality {status.quality:.2f}"]
-    return " · ".join(word for word in words if word)
+    return " · ".join(filter(None, words))
 
 
 def put(client: Any, T_map_camera: SE3) -> None:
@@ -224,12 +202,6 @@ def put(client: Any, T_map_camera: SE3) -> None:
     with client.atomic():
         client.camera.position = T_map_camera.translation
         client.camera.look_at = look_at(T_map_camera)
-
-
-def browser_pose(camera: Any) -> SE3:
-    """Return T_map_camera of a browser's camera: z forward, x right, y down, as ours."""
-    w, x, y, z = camera.wxyz
-    return SE3.from_quaternion([x, y, z, w], camera.position)
 
 
 def whereabouts(graph: SphereGraph, T_map_camera: SE3) -> str:
@@ -245,18 +217,16 @@ def look_at(T_map_camera: SE3) -> Array:
     return T_map_camera.translation + T_map_camera.rotation[:, 2]
 
 
-def drawn_lens(camera: Camera) -> dict[str, float]:
-    """Return how high (fov, rad) and how much wider than high a camera is drawn."""
-    fov = 2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian))
-    return {"fov": fov, "aspect": camera.width / camera.height}
-
-
 def browser_camera(camera: Any, side: int = MAX_SIDE) -> Pinhole:
     """Return the lens of a browser's camera; views are no larger than `side`."""
     aspect = float(camera.aspect)
     width = round(side * min(aspect, 1.0))
     height = max(round(width / aspect), 1)
-    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    return centred_camera(width, height, 0.5 * height / np.tan(0.5 * float(camera.fov)))
+
+
+def centred_camera(width: int, height: int, focal: float) -> Pinhole:
+    """Return the camera whose axis goes through the middle of its image."""
     return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
 

@@ -19,7 +19,8 @@ from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, encoded, shown
+from sphere_nav_tools.cli.arguments import add
+from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, encoded, shown
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.settings import (
@@ -52,42 +53,38 @@ ENDINGS = (".png", ".jpg")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", type=Path, metavar="MAP", help="map made by `sphere_nav map`")
+    add(parser, "map", "MAP", "map made by `sphere_nav map`", Path)
     gate.add_options(parser, port=8080)
-    parser.add_argument(
-        "--memory", type=read_positive, default=500.0, metavar="MB", help="of kept spheres (%(default)g)"
-    )
+    add(parser, "--memory", "MB", "of kept spheres (%(default)g)", read_positive, default=500.0)
     expected = "x,y,z,yaw[,pitch,roll]"
-    parser.add_argument("--pose", type=floats(expected, 4, 6), metavar=expected, help="where to begin, m and degrees")
-    parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
-    parser.add_argument("--experience", metavar="NAME", help="begin with this look of the map, as map-info names it")
-    parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")
-    parser.add_argument("--size", type=read_size, default="800x600", metavar="WxH", help="of that view (%(default)s)")
-    parser.add_argument("--fov", type=float, default=75.0, metavar="DEG", help="its width (%(default)g)")
+    begin = parser.add_mutually_exclusive_group()
+    add(begin, "--pose", expected, "where to begin, m and degrees", floats(expected, 4, 6))
+    add(begin, "--sphere", "ID", "begin at a key sphere (the first one)", int)
+    add(parser, "--experience", "NAME", "begin with this look of the map, as map-info names it")
+    add(parser, "--screenshot", "F", "write the first view (.png, .jpg) and end", Path)
+    add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
+    add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)
-    parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
+    add(parser, "--bag", "BAG", "drive to localise and show", Path)
     topics.add_options(parser, has_cameras=False)
     add_settings(parser, "dense_localizer")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Write one view, or serve until interrupted."""
     with open_map(arguments.map) as reader:
         start = first_pose(reader, arguments)
-        scene = Scene(reader, arguments.memory)
-        try:
-            find_experience(scene, arguments.experience)  # refused before anything is shown
+        with closing(Scene(reader, arguments.memory)) as scene:
+            experience = find_experience(scene, arguments.experience)
             if arguments.screenshot:
-                return write_view(scene, start, arguments)
-            return serve(reader, scene, start, arguments)
-        finally:
-            scene.close()
+                write_view(scene, start, experience, arguments)
+            else:
+                address = gate.address_of("view", arguments)
+                serve(reader, Page(address, reader.graph, scene, start, experience), arguments)
 
 
 def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
-    """Return the pose of the camera to begin with, optical axes; ValueError for words that are none."""
-    if arguments.pose and arguments.sphere is not None:
-        raise ValueError("--pose, --sphere: expected one of them, found both")
+    """Return the pose of the camera to begin with, optical axes."""
     if not arguments.pose:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
@@ -101,49 +98,38 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
         return None
     known = {str(one): one for one in reversed(scene.experiences)}
     if name not in known:
-        raise ValueError(f"--experience: expected one of {', '.join(map(repr, reversed(known)))}, found {name!r}")
+        raise ValueError(f"--experience: expected one of {', '.join(map(repr, known))}, found {name!r}")
     return known[name]
 
 
 def camera_for(size: tuple[int, int], fov_deg: float) -> Pinhole:
     """Return a pinhole camera of a size and a horizontal field of view; ValueError for others."""
-    width, height = size
     if not 1.0 <= fov_deg <= 150.0:
         raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")
-    focal = 0.5 * width / np.tan(0.5 * np.radians(fov_deg))
-    return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+    return centred_camera(*size, 0.5 * size[0] / np.tan(0.5 * np.radians(fov_deg)))
 
 
-def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -> int:
+def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, arguments: argparse.Namespace) -> None:
     """Write the view from a pose as a picture."""
     output: Path = arguments.screenshot
     check_ending(output, ENDINGS)
     check_free(arguments, output)
-    experience = find_experience(scene, arguments.experience)
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")
-    return 0
 
 
-def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Namespace) -> int:
+def serve(reader: MapReader, page: Page, arguments: argparse.Namespace) -> None:
     """Show the page until interrupted; with a drive, localise and show it."""
-    gate.import_viser("view")
-    token = gate.token_for(arguments.token)
-    recorded = RecordedCamera(arguments.bag, arguments) if arguments.bag else None
-    shown_first = find_experience(scene, arguments.experience)
-    page = Page(reader.graph, scene, start, shown_first, place=(arguments.host, arguments.port), token=token)
-    print(f"{page.url}  (Ctrl-C ends it)", flush=True)
-    try:
+    with closing(page):
+        recorded = RecordedCamera(arguments.bag, arguments) if arguments.bag else None
+        print(f"{page.url}  (Ctrl-C ends it)", flush=True)
         if recorded is not None:
             params = build(LocalizerParams, recorded.patience | arguments.settings)
             localizer = Localizer(params, reader)
             with closing(localizer.references):
                 replay_drive(recorded, localizer, page)
         threading.Event().wait()
-    finally:
-        page.close()
-    return 0
 
 
 def replay_drive(recorded: RecordedCamera, localizer: Localizer, page: Page) -> None:

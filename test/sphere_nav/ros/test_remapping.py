@@ -5,7 +5,7 @@ import pytest
 from path_follower.ros.control import ControlLoop
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav.ros.site_file import check_rules
-from sphere_nav_tools.cli.up import ros_arguments
+from sphere_nav_tools.cli.processes import ros_arguments
 
 MANY = {"map": "m", "cloud": "c", "bag": "b", "routes": "r", "guard": "true", "record": "o", "trajectory": "t"}
 

@@ -8,7 +8,7 @@ import pytest
 
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE
-from sphere_nav_tools.cli.gate import Gate, link_to, make_server, token_for
+from sphere_nav_tools.cli.gate import Address, Gate, make_server, token_for
 
 TOKEN = "a token of the yard"
 LINK = "/a%20token%20of%20the%20yard"
@@ -116,9 +116,12 @@ def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
 
 def test_a_printed_link_leads_to_the_machine(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "car7")
-    assert link_to("127.0.0.1", 8081, TOKEN) == f"http://127.0.0.1:8081{LINK}"
-    assert link_to("0.0.0.0", 8081, "t/?#") == "http://car7:8081/t%2F%3F%23"
-    assert link_to("::1", 8081, "t") == "http://[::1]:8081/t"
+    for host, token, link in [
+        ("127.0.0.1", TOKEN, f"http://127.0.0.1:8082{LINK}"),
+        ("0.0.0.0", "t/?#", "http://car7:8082/t%2F%3F%23"),
+        ("::1", "t", "http://[::1]:8082/t"),
+    ]:
+        assert Address("operate", host, 8081, token).link(8082) == link
 
 
 # --- before a real viser
@@ -127,7 +130,7 @@ def test_a_printed_link_leads_to_the_machine(monkeypatch):
 @pytest.fixture(scope="module")
 def served():
     pytest.importorskip("viser", reason="optional: pip install viser")
-    server = make_server("operate", "127.0.0.1", 8990, TOKEN)
+    server = make_server(Address("operate", "127.0.0.1", 8990, TOKEN))
     server.gui.add_button("start")
     yield server
     server.stop()
@@ -205,8 +208,8 @@ def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):
     viser = pytest.importorskip("viser")
 
     class Open:
-        def __init__(self, **_):
-            self.has_ended = False
+        def __init__(self, *_, **__):
+            pass
 
         def stop(self):
             ends.append(self)
@@ -214,5 +217,5 @@ def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):
     ends = []
     monkeypatch.setattr(viser, "ViserServer", Open)
     with pytest.raises(ValueError, match="operate: expected a viser that websockets serves"):
-        make_server("operate", "127.0.0.1", 8991, TOKEN)
+        make_server(Address("operate", "127.0.0.1", 8991, TOKEN))
     assert len(ends) == 1

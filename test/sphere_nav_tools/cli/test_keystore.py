@@ -34,8 +34,7 @@ from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.shared_files import share_file
 from sphere_nav_tools.cli.keystore import policy_of
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.processes import node_command
-from sphere_nav_tools.cli.up import ros_arguments
+from sphere_nav_tools.cli.processes import start_command
 from worlds.patience import Patience, wait_until
 from worlds.rig import vertical_rig
 
@@ -247,8 +246,8 @@ def test_a_keystore_grants_each_enclave_what_the_policy_says(ros2_security: None
 
 
 def secured(node: str, folder: Path) -> subprocess.Popen[str]:
-    words = ros_arguments(NodeStart(node, enclave=f"/{node}"), folder / "parameters.yaml")
-    return subprocess.Popen(node_command(node, *words), stderr=subprocess.PIPE, text=True)
+    command = start_command(NodeStart(node, enclave=f"/{node}"), folder)
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.dds

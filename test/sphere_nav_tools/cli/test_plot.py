@@ -6,10 +6,10 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
-from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import plot_figure
+from worlds.recordings import write_bag
 
 SECOND = 10**9
 STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]
@@ -27,16 +27,12 @@ def place(number):
 
 @pytest.fixture
 def drive(tmp_path):
-    with BagWriter(tmp_path / "drive") as bag:
-        for number in range(len(STATES)):
-            stamp = (number + 1) * SECOND
-            pose = se3_to_pose_with_covariance(place(number), np.eye(6), stamp, "map")
-            for name, message in (
-                ("/car/pose", pose),
-                ("/car/status", status_to_message(status(number), stamp, "map")),
-            ):
-                bag.add_topic(name, type(message))
-                bag.write(name, message, stamp)
+    def told(number):
+        stamp = (number + 1) * SECOND
+        yield "/car/pose", se3_to_pose_with_covariance(place(number), np.eye(6), stamp, "map")
+        yield "/car/status", status_to_message(status(number), stamp, "map")
+
+    write_bag(tmp_path / "drive", told, numbers=range(len(STATES)), with_mount=False)
     stamps = np.arange(1, 7) * SECOND
     truth = Trajectory(stamps, SE3(np.stack([place(number).matrix for number in range(6)])))
     write_tum(tmp_path / "truth.tum", truth)

@@ -13,8 +13,8 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.cli.processes import Processes
-from sphere_nav_tools.cli.up import ros_arguments, watch
+from sphere_nav_tools.cli.processes import Processes, ros_arguments
+from sphere_nav_tools.cli.up import watch
 from worlds.localizer import make_map
 from worlds.patience import Patience
 from worlds.room import wide_room

@@ -92,7 +92,5 @@ def test_play(parameters_of):
     assert build(PlayerParams, values) == PlayerParams(bag="drive")
     words = "drive --topics /a /b --rate 0 --start 3 --clock --paused --loop --wait-for /a"
     _, values = parameters_of(play, *words.split())
-    expected = PlayerParams(
-        bag="drive", topics="/a /b", rate=0.0, start=3.0, clock=True, paused=True, loop=True, wait_for="/a"
-    )
-    assert build(PlayerParams, values) == expected
+    more = {"clock": True, "paused": True, "loop": True, "wait_for": "/a"}
+    assert build(PlayerParams, values) == PlayerParams(bag="drive", topics="/a /b", rate=0.0, start=3.0, **more)

@@ -1,5 +1,6 @@
 """The demo: its folder, verdict, errors by the truth, pictures, and a ROS domain of its own."""
 
+import argparse
 import os
 from types import SimpleNamespace
 
@@ -14,29 +15,22 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, has_ended, new_folder, verdict
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, add_arguments, has_ended, new_folder, verdict
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
-from sphere_nav_tools.cli.demo.plots import exaggerate
-from sphere_nav_tools.cli.demo.report import (
-    DriveErrors,
-    _crop_to_motion,
-    distances_from_path,
-    drive_errors,
-    find_map,
-    path_of,
-)
+from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from, drive_errors, exaggerate
 
 SECOND = 10**9
 
 
 @pytest.fixture
-def known_length(monkeypatch):
-    """A path of 46 m, in place of a town that takes seconds to build."""
-    world = SimpleNamespace(path=SimpleNamespace(length=46.0))
+def make_demo(tmp_path, monkeypatch):
+    """Return what makes a demo of 46 m, in place of a town that takes seconds to build."""
+    world, parser = SimpleNamespace(path=SimpleNamespace(length=46.0)), argparse.ArgumentParser()
     monkeypatch.setattr("sphere_nav_tools.cli.demo.demo.build_world", lambda *_: world)
+    add_arguments(parser)
+    return lambda *words: Demo(parser.parse_args(["-o", str(tmp_path / "demo"), "--domain", "46", *words]))
 
 
-@pytest.mark.usefixtures("known_length")
 @pytest.mark.parametrize(
     ("lateral", "share", "has_finished", "told"),
     [
@@ -46,19 +40,18 @@ def known_length(monkeypatch):
         ([0.0, 0.01, 0.0], 0.99, False, "DID NOT FINISH"),
     ],
 )
-def test_a_drive_that_left_the_path_or_stopped_early_has_not_followed(tmp_path, lateral, share, has_finished, told):
-    demo = Demo(tmp_path / "demo", 1, "straight", 46, {})
+def test_a_drive_that_left_the_path_or_stopped_early_has_not_followed(make_demo, lateral, share, has_finished, told):
+    demo = make_demo()
     demo.end, demo.has_finished = "follower FINISHED", has_finished
     judged = SimpleNamespace(report={"longitudinal_m": {"rmse": 0.04}})
-    path = SimpleNamespace(length=2.0 / share)
-    result = demo.result(DriveErrors(path, np.arange(3.0), np.array(lateral), None, judged), 7)
+    result = demo.result(DriveErrors(None, None, None, np.array(lateral), share, judged), 7)
     assert result["has_followed"] == (told == "the drive followed")
     assert result["lateral_max_m"] == max(map(abs, lateral))
     assert (result["lateral_rmse_m"], result["longitudinal_rmse_m"]) == pytest.approx(
         (np.sqrt(np.mean(np.square(lateral))), 0.04)
     )
     assert told in verdict(result)
-    assert (result["share_driven"], result["length_m"]) == (pytest.approx(share), 46.0)
+    assert (result["share_driven"], result["length_m"]) == (share, 46.0)
 
 
 def test_a_clock_that_was_held_up_is_no_end():
@@ -76,9 +69,8 @@ def test_a_new_demo_keeps_the_last_result(tmp_path):
     assert not any((tmp_path / "demo").iterdir())
 
 
-@pytest.mark.usefixtures("known_length")
-def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(tmp_path):
-    demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
+def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(make_demo):
+    demo = make_demo("--condition", "night_lamps")
     assert "condition" not in demo.simulation
     params = in_condition(build(SimParams, demo.simulation | demo.other_day))
     assert params.light.has_street_lamps
@@ -97,32 +89,28 @@ def test_a_drive_and_a_test_never_share_a_domain_and_a_process_claims_each_once(
         claim_domain(two)
 
 
-def driven(points, quarters):
-    """A path through points, headings in quarter turns."""
-    poses = [SE3.from_planar(*point, turn * np.pi / 2).matrix for point, turn in zip(points, quarters, strict=True)]
-    return path_of(Trajectory(SECOND * np.arange(len(poses)), SE3(np.stack(poses))))
+def drive(points, yaw):
+    """Poses at points (N, 2)."""
+    poses = [SE3.from_planar(*point, turn).matrix for point, turn in zip(points, yaw, strict=True)]
+    return Trajectory(SECOND * np.arange(len(poses)), SE3(np.stack(poses)))
 
 
 def test_distances_from_the_path_are_exaggerated_to_their_side():
-    path = driven([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]], [0, 0, 0, 1, 1, 1])
-    along, lateral = np.array([0.5, 1.0, 3.5]), np.array([0.01, -0.02, 0.01])
-    drawn = exaggerate(DriveErrors(path, along, lateral, None, None), 50.0)
-    np.testing.assert_allclose(drawn, [[0.5, 0.5], [1.0, -1.0], [1.5, 1.5]], atol=1e-12)  # left, right, left
-
-
-def test_distance_is_positive_to_the_left():
-    path = driven(np.stack([np.linspace(0, 10, 50), np.zeros(50)], axis=-1), np.zeros(50))
-    along, lateral = distances_from_path(np.array([[1.0, 0.2], [2.0, -0.3], [3.0, 0.0]]), path)
-    assert along == pytest.approx([1, 2, 3], abs=0.02)
-    assert lateral == pytest.approx([0.2, -0.3, 0.0], abs=1e-6)
+    taught = drive([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0]], np.pi / 2 * np.array([0, 0, 1, 1]))
+    driven = drive([[0.0, 0.01], [1.0, -0.02], [1.99, 1.0]], np.zeros(3))
+    feet, lateral = distances_from(taught, driven)
+    np.testing.assert_allclose(lateral, [0.01, -0.02, 0.01])  # left, right, left
+    drawn = exaggerate(DriveErrors(taught, driven, taught.T_map_body.yaw[feet], lateral, 1.0, None))
+    np.testing.assert_allclose(drawn, [[0.0, 0.5], [1.0, -1.0], [1.5, 1.0]], atol=1e-12)
 
 
 def test_a_path_that_crosses_itself_is_followed_in_order():
     t = np.linspace(0, 2 * np.pi, 2000)
     eight = np.stack([10 * np.sin(t), 5 * np.sin(2 * t)], axis=-1)
     ahead = np.gradient(eight, axis=0)
-    along, lateral = distances_from_path(eight[::10], driven(eight, np.arctan2(ahead[:, 1], ahead[:, 0]) * 2 / np.pi))
-    assert np.all(np.diff(along) > -0.25)
+    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    feet, lateral = distances_from(drive(eight, yaw), drive(eight[::10], yaw[::10]))
+    assert np.all(np.diff(feet) > 0)
     assert np.abs(lateral).max() < 0.02
 
 
@@ -150,9 +138,9 @@ def test_a_drive_beside_the_path_is_told_by_its_distance(tmp_path):
     write_drive(tmp_path / "drive", 0.07, with_poses=True)
     stamps = SECOND + np.arange(0, 101, 2) * SECOND // 20
     x = np.arange(51) / 10
-    taught = SE3.from_parts(np.broadcast_to(np.eye(3), (51, 3, 3)), np.stack([1.01 * x + 0.1, 0 * x, 0 * x], axis=1))
+    taught = SE3.from_parts(np.broadcast_to(np.eye(3), (51, 3, 3)), np.stack([x + 0.1, 0 * x, 0 * x], axis=1))
     write_tum(tmp_path / "taught.tum", Trajectory(stamps, taught))
-    errors = drive_errors(tmp_path / "teach", tmp_path / "drive", find_map(tmp_path))
+    errors = drive_errors(tmp_path)
     assert errors.lateral == pytest.approx(0.07, abs=1e-6)
     assert errors.judged.report["longitudinal_m"]["max"] < 1e-6
     assert errors.share_driven > 0.99

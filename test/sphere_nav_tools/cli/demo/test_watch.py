@@ -13,44 +13,35 @@ from tqdm import tqdm
 
 from sphere_nav_tools.cli import processes as processes_module
 from sphere_nav_tools.cli.demo import watch as module
-from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.demo.watch import WatchedDrive
+from sphere_nav_tools.cli.processes import Processes, python_command
 from worlds.patience import Patience
 
 
-def truth(seconds: int, x: float) -> Odometry:
+def odometry(x: float) -> Odometry:
     message = Odometry()
-    message.header.stamp.sec, message.pose.pose.position.x = seconds, x
+    message.pose.pose.position.x = x
     return message
 
 
-def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch, domain):
-    monkeypatch.setattr(module, "SILENCE", 0.5)
-    silent = "drive: nothing for 0 s; localiser silent, follower silent"
-    with (
-        Processes(tmp_path, domain) as processes,
-        DriveMonitor(processes, domain) as watch,
-        pytest.raises(DriveFailed, match=silent),
-    ):
-        watch.wait("drive", lambda: False, is_moving=True)
+@pytest.mark.parametrize(("speed", "is_told"), [(0.0, True), (1.0, False)])
+def test_a_drive_whose_car_stands_for_long_fails_and_says_who_is_silent(tmp_path, domain, monkeypatch, speed, is_told):
+    seconds, bars = iter(range(1, 100)), []
+    monkeypatch.setattr(module, "SILENCE", 0.3)
+    monkeypatch.setattr(module, "tqdm", lambda **_: bars.append(tqdm(total=20, file=io.StringIO())) or bars[0])
+    stands = "drive: the car has not moved for 0 s; localiser silent, follower silent"
 
+    with WatchedDrive(tmp_path, domain) as watch:
 
-@pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
-def test_a_car_that_stands_for_half_a_minute_of_simulated_time_has_failed(tmp_path, speed, ends, domain, monkeypatch):
-    seconds, bar, shown = iter(range(1, 100)), tqdm(total=20, file=io.StringIO()), []
+        def drive() -> bool:
+            now = next(seconds)
+            watch.link._on_odometry(odometry(speed * now))
+            return now == 30
 
-    def drive() -> bool:
-        now = next(seconds)
-        shown.append(bar.n)
-        watch._on_truth(truth(now, speed * now))
-        return now == 60
-
-    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        monkeypatch.setattr(module, "LOOK", 0.0)
-        verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
-        with verdict:
-            watch.wait("drive", drive, is_moving=True, bar=bar)
-    assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
+        monkeypatch.setattr(module, "LOOK", 0.02)
+        with pytest.raises(RuntimeError, match=stands) if is_told else nullcontext():
+            watch.wait("drive", drive, 20.0)
+    assert bars[0].n == (0 if is_told else 20)
 
 
 @pytest.mark.dds
@@ -69,7 +60,7 @@ def test_a_process_that_ignores_ctrl_c_is_killed(tmp_path, monkeypatch):
     deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(1, flush=True); time.sleep(20)"
     patience = Patience(60.0)
     with Processes(tmp_path) as processes:
-        processes.run("deaf", deaf)
+        processes.begin("deaf", python_command(deaf))
         while not processes.last_words("deaf") and patience.is_left():
             time.sleep(0.05)
         assert processes.stop("deaf") == -9
@@ -78,9 +69,10 @@ def test_a_process_that_ignores_ctrl_c_is_killed(tmp_path, monkeypatch):
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.processes import Processes, python_command
 with Processes(Path(sys.argv[1]), int(os.environ["ROS_DOMAIN_ID"])) as processes:
-    processes.run("sleeper", "import os, time; print(os.getpid(), flush=True); time.sleep(60)")
+    code = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
+    processes.begin("sleeper", python_command(code))
     time.sleep(60)
 """
 

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.operate import ground, simulator, words
+from sphere_nav_tools.cli.operate import ground, words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
 from sphere_nav_tools.cli.operate.ground import ground_of
 from sphere_nav_tools.cli.operate.link import Link
@@ -22,7 +22,7 @@ from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
 from sphere_nav_tools.cli.operate.places import network_of
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, timeline
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, log_of
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
@@ -62,8 +62,7 @@ def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch,
 
 def test_an_uncertain_pose_is_drawn_two_deviations_wide_along_its_axes():
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    points = ellipse(5.0, 3.0, turn @ np.diag([0.09, 0.01]) @ turn.T) - (5.0, 3.0)
-    along, across = np.abs(points @ turn).max(axis=0)
+    along, across = np.abs(ellipse(turn @ np.diag([0.09, 0.01]) @ turn.T) @ turn).max(axis=0)
     assert (along, across) == (pytest.approx(0.6, abs=0.01), pytest.approx(0.2, abs=0.01))
 
 
@@ -109,19 +108,23 @@ def test_a_pose_is_told_with_its_heading_and_covariance(ears):
     x, y, yaw, told = ears.seen.told("pose")[0]
     assert (x, y, yaw) == pytest.approx((3.0, -4.0, 0.7))
     np.testing.assert_array_equal(told, np.reshape(message.pose.covariance, (6, 6))[:2, :2])
-    assert ears.seen.told("trail")[0][0].tolist() == [3.0, -4.0]
+    assert ears.seen.told("way by pose")[0][0].tolist() == [3.0, -4.0]
 
 
-def test_pictures_come_while_a_page_shows_them_and_again_when_one_is_opened_later(ears):
-    heard, counts = [], []
-    ears._lock, ears._num_watching, ears._pictures, ears._image_topic = nullcontext(), 0, [], "image_raw"
+def test_pictures_come_while_a_page_wants_them_and_again_when_one_is_opened_later(ears, monkeypatch):
+    heard, counts, now = [], [], [100.0]
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.time.monotonic", lambda: now[0])
+    ears._wanted_at, ears._pictures, ears._image_topic = -np.inf, [], "image_raw"
     ears.node = SimpleNamespace(
         create_subscription=lambda kind, topic, *_: heard.append(topic) or topic, destroy_subscription=heard.remove
     )
-    for is_watching in (True, True, False, False, True):
-        ears.watch_pictures(is_watching)
+    for is_wanted in (False, True, True, False, False, True):
+        now[0] += 1.1
+        if is_wanted:
+            ears.want_pictures()
+        ears._watch()
         counts.append(len(heard))
-    assert counts == [2, 2, 2, 0, 2]
+    assert counts == [0, 2, 2, 2, 0, 2]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +153,10 @@ def test_a_stop_is_offered_where_the_vehicle_has_gone_silent(monkeypatch):
     now = words.time.monotonic()
     monkeypatch.setattr(words.time, "monotonic", lambda: now + 5.0)
     assert possible(seen, False) == {"start": False, "resume": False, "pause": False, "stop": True}
-    assert "UNKNOWN silent" in timeline(seen)
+    seen.hear("follower", SimpleNamespace(state="STOPPED", reason="OFF_PATH"))
+    seen.hear("follower", SimpleNamespace(state="STOPPED", reason="OFF_PATH"))
+    assert [line[9:] for line in seen.lines] == ["vehicle: STOPPED OFF_PATH after 5 s of silence", "vehicle: IDLE"]
+    assert "vehicle: STOPPED OFF_PATH after 5 s" in log_of(seen)
 
 
 def test_health_tells_errors_first_and_forgets_who_has_ended(monkeypatch):
@@ -192,39 +198,28 @@ def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(mon
         assert (picture[v - 1 : v + 1, u - 1 : u + 1] == [200, 100, 50, 255]).all(axis=-1).any()
 
 
-class Nodes:
-    def __init__(self, folder, domain):
-        self.environment, self.done = {"ROS_DOMAIN_ID": str(domain)}, []
+def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_path, monkeypatch):
+    done = []
 
     def start(self, node, values):
-        self.done.append(f"+{node} {values.get('map', '')}".strip())
+        self.running[node] = None
+        done.append(f"+{node} {values.get('map', '')}".strip())
 
     def stop(self, node):
-        self.done.append(f"-{node}")
+        del self.running[node]
+        done.append(f"-{node}")
 
-    def __exit__(self, *_):
-        self.done.append("end")
-
-
-def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_path, monkeypatch):
-    monkeypatch.setattr(simulator, "Processes", Nodes)
+    monkeypatch.setattr(SimulatedVehicle, "start", start)
+    monkeypatch.setattr(SimulatedVehicle, "stop", stop)
     vehicle = SimulatedVehicle(tmp_path)
     for name in ("a", "b"):
         vehicle.use(Path(name), Path(f"{name}.tum"))
+    assert vehicle.is_driven
     vehicle.rest()
     assert not vehicle.is_driven
-    vehicle.close()
-    first = ["+cycab_sim", "+dense_localizer a", "+path_follower"]
-    assert vehicle._processes.done == [
-        *first,
-        "-path_follower",
-        "-dense_localizer",
-        "+dense_localizer b",
-        "+path_follower",
-        "-path_follower",
-        "-dense_localizer",
-        "end",
-    ]
+    starts, ends = "+dense_localizer {} +path_follower", "-path_follower -dense_localizer"
+    wanted = f"+cycab_sim {starts.format('a')} {ends} {starts.format('b')} {ends}"
+    assert " ".join(done) == wanted
 
 
 class Scene:
@@ -251,7 +246,7 @@ def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     assert chart._car.position == pytest.approx((5.0, 3.0, 0.0))
     assert chart._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
     (body,) = (values for kind, _, values in chart.client.scene.added if kind == "box")
-    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["car"])
+    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["ahead"])
     assert body["position"] == pytest.approx((0.6, 0.0, 0.3))
     (outline,) = (values for _, name, values in chart.client.scene.added if name == "/covariance")
     low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
@@ -262,7 +257,7 @@ def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     assert chart._car.position == chart._doubt.position == pytest.approx((6.0, 3.0, 0.0))
     chart._show_car((6.0, 3.0, 0.0, covariance), 1.1)
     boxes = [values["color"] for kind, _, values in chart.client.scene.added if kind == "box"]
-    assert boxes == [COLORS["car"], COLORS["old"]]
+    assert boxes == [COLORS["ahead"], COLORS["spheres"]]
     chart._show_car(None, np.inf)
     assert len([kind for kind, *_ in chart.client.scene.added if kind == "box"]) == 2
 
@@ -292,11 +287,12 @@ def test_a_view_that_follows_is_never_turned(chart):
     camera = chart.client.camera
     camera.position, camera.look_at = (1.0, 2.0, 20.0), (1.4, 2.3, 0.0)  # a browser tells of two moments
     seen = Heard()
-    seen.hear("trail", [np.array([1.0, 2.0]), np.array([11.0, 2.0])])
+    seen.hear("way by pose", [np.array([1.0, 2.0]), np.array([11.0, 2.0])])
     seen.hear("pose", (11.0, 2.0, 0.0, np.zeros((2, 2))))
     chart.show(seen, None, False)
     assert camera.position == (1.0, 2.0, 20.0)
     for _ in range(50):
         chart.show(seen, None, True)
         np.testing.assert_allclose(np.subtract(camera.look_at, camera.position), (0.0, 0.0, -20.0), atol=1e-9)
-    np.testing.assert_allclose(camera.position, (11.0 - 0.12 * 20.0, 2.0, 20.0), atol=0.01)  # not to the very middle
+    assert 0.0 < 11.0 - camera.position[0] < 0.07 * 20.0  # not to the very middle
+    np.testing.assert_allclose(camera.position[1:], (2.0, 20.0))

@@ -30,6 +30,7 @@ from path_follower.routes.network_file import to_geojson
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.maps.writer import MapDetails, save_map
+from sphere_nav_tools.cli.gate import Address
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import NAMES, OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
@@ -106,7 +107,7 @@ def yard(tmp_path_factory):
     folder = tmp_path_factory.mktemp("yard")
     (folder / "loop.csv").write_text("0,0\n9,0\n")
     follower, link = FakeFollower(), Link()
-    page = OperatorPage(link, Teaching(folder, [], []), place=("127.0.0.1", 8960), token=TOKEN)
+    page = OperatorPage(Address("operate", "127.0.0.1", 8960, TOKEN), link, Teaching(folder, [], []))
     wait_until(lambda: all(link.clients[f"path_follower/{name}"].service_is_ready() for name in SERVICES))
     yield follower, link, page
     page.close()
@@ -306,20 +307,10 @@ def navigator(yard, follower):
 
 
 @pytest.fixture
-def command_line():
-    context = Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("command_line", context=context)
-    client, executor = ActionClient(node, Navigate, "navigate"), SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
+def command_line(follower):
+    client = ActionClient(follower.node, Navigate, "navigate")
     yield client
-    executor.shutdown()
-    thread.join(WAIT_S)
     client.destroy()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):

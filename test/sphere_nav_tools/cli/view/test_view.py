@@ -1,31 +1,30 @@
 """`sphere_nav view`: a picture without a browser, and what a drive shows."""
 
-from argparse import ArgumentParser
+from argparse import ArgumentError, ArgumentParser
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, Image
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.params import build
-from sphere_nav.ros import qos
-from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli import gate
+from sphere_nav_tools.cli.gate import Address
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import server, view
 from sphere_nav_tools.cli.view.server import COLORS, Minimap
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
-from worlds.localizer import PINHOLE, STEP_NS, drive, make_map
+from worlds.localizer import PINHOLE, drive, make_map
+from worlds.recordings import stamp, write_bag
 from worlds.room import Room, optical
 
 NUM_IMAGES = 10
@@ -35,14 +34,15 @@ NUM_IMAGES = 10
 def folder(tmp_path_factory):
     folder, room = tmp_path_factory.mktemp("view"), Room()
     save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]).graph)
-    with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
-        bag.add_topic("/image_raw", Image, qos.STATE)
-        for k, T in enumerate(drive(NUM_IMAGES)):
-            stamp = 10**9 + k * STEP_NS
-            bag.write("/camera_info", camera_to_info(PINHOLE, stamp, "optical"), stamp)
-            image = array_to_image(room.photograph(PINHOLE, T, k), stamp, "optical", "mono8")
-            bag.write("/image_raw", image, stamp)
+
+    def seen(k):
+        yield "camera_info", camera_to_info(PINHOLE, stamp(k), "optical")
+        yield (
+            "image_raw",
+            array_to_image(room.photograph(PINHOLE, drive(NUM_IMAGES)[k], k), stamp(k), "optical", "mono8"),
+        )
+
+    write_bag(folder / "bag", seen, numbers=range(NUM_IMAGES), with_mount=False)
     return folder
 
 
@@ -63,28 +63,26 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
 T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 
 
-def test_a_browser_sees_no_more_pixels_than_are_drawn():
-    for aspect, size in [(1.6, (800, 500)), (1.0, (800, 800)), (0.5, (400, 800))]:
-        camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
-        focal = 0.5 * size[1] / np.tan(np.radians(30.0))  # the field of view is that of the height
-        center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
-        assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
+@pytest.mark.parametrize(
+    ("camera", "size", "focal"),
+    [  # the field of view of a browser is that of the height, of a screenshot that of the width
+        *((server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.pi / 3)), (w, h), h / 2 * np.sqrt(3))
+          for aspect, w, h in ((1.6, 800, 500), (1.0, 800, 800), (0.5, 400, 800))),
+        (view.camera_for((160, 120), 90.0), (160, 120), 80.0),
+        (view.camera_for((100, 300), 2 * np.degrees(np.arctan(0.5))), (100, 300), 100.0),
+    ],
+)  # fmt: skip
+def test_a_browser_sees_no_more_pixels_than_are_drawn_and_a_screenshot_has_its_field_of_view(camera, size, focal):
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
+    assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
 def test_a_browser_looks_where_its_camera_looks():
     x, y, z, w = T.quaternion
-    found = server.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
+    found = gate.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
-
-
-def test_a_screenshot_has_the_field_of_view_of_its_width():
-    for size, fov, focal in [("160x120", 90.0, 80.0), ("100x300", 2 * np.degrees(np.arctan(0.5)), 100.0)]:
-        width, height = map(int, size.split("x"))
-        found = view.camera_for((width, height), fov)
-        assert (found.width, found.height, found.cx, found.cy) == (width, height, (width - 1) / 2, (height - 1) / 2)
-        assert (found.fx, found.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
 def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
@@ -100,8 +98,10 @@ def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
     turn = turn @ SE3.exp([0, 0, 0, np.radians(10), 0, 0])
     expected = SE3.from_parts(turn.rotation, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(begin((1, 2, 3, 40, -20, 10)).matrix, expected.matrix, atol=1e-12)
-    with pytest.raises(ValueError, match="expected one of them, found both"):
-        begin((1, 2, 3, 4), 7)
+    parser = ArgumentParser(exit_on_error=False)
+    view.add_arguments(parser)
+    with pytest.raises(ArgumentError, match="--sphere: not allowed with argument --pose"):
+        parser.parse_args(["map", "--pose", "1,2,3,4", "--sphere", "7"])
 
 
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]
@@ -124,11 +124,10 @@ def test_key_spheres_and_loops_lie_where_they_are():
 def page(monkeypatch):
     """A page without a server: three key spheres on a way, and a loop between the first and the last one."""
     monkeypatch.setattr(gate, "make_server", lambda *_: MagicMock())
-    monkeypatch.setattr(server, "FLIGHT_S", 0.05)
     edges = [Edge(0, 1, SE3.identity(), np.eye(6)), Edge(0, 2, SE3.identity(), np.eye(6), is_loop=True)]
     graph = SphereGraph([KeySphere(i, i, T) for i, T in enumerate(PLACES)], edges)
     scene = MagicMock(experiences=[Experience("", "night", "b", 5)])
-    return server.Page(graph, scene, PLACES[1] @ T_BODY_OPTICAL, place=("", 0), token="")
+    return server.Page(Address("view", "", 0, ""), graph, scene, PLACES[1] @ T_BODY_OPTICAL)
 
 
 def browser(T):
@@ -137,7 +136,7 @@ def browser(T):
     return MagicMock(camera=camera)
 
 
-def test_a_page_shows_the_graph_and_flies_to_the_key_sphere_that_is_clicked(page):
+def test_a_page_shows_the_graph_and_goes_to_the_key_sphere_that_is_clicked(page):
     scene, client = page.server.scene, browser(PLACES[0] @ T_BODY_OPTICAL)
     lines = {call.args[0]: call.kwargs["points"] for call in scene.add_line_segments.call_args_list}
     np.testing.assert_allclose(lines["/graph/way"], [[[0, 0, 0], [20, 0, 0]]])
@@ -165,8 +164,9 @@ def test_a_drive_is_shown_where_it_is_and_who_rides_along_is_taken_there(page, m
     assert np.tan(shown["fov"] / 2) == pytest.approx(PINHOLE.height / 2 / PINHOLE.fy)
     np.testing.assert_allclose(client.camera.position, T.translation)
     handle = page.server.gui.add_image.return_value
-    assert (handle.image == 90).all()
-    assert handle.image.shape == (6, 8, 3)
+    assert (handle.image[:6] == 7).all()
+    assert (handle.image[6:] == 90).all()
+    assert handle.image.shape == (12, 8, 3)
 
 
 def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_stands(page, monkeypatch):
@@ -189,9 +189,6 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     page._scene.experiences.append(Experience("", "dusk", "c", 5))
     page._welcome(client)
     assert client.gui.add_dropdown.return_value.visible
-    client.gui.add_checkbox.return_value.value = False
-    assert draw(False)
-    assert client.scene.set_background_image.call_args.args == (None,)
 
 
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]
