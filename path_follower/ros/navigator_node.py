@@ -62,7 +62,7 @@ class RouteNavigator(ManagedNode):
         self.state_file = self.folder / "mission.json"
         self.goals: list[tuple[ActionGoal, Any]] = []  # those of the mission, each with what makes its result
         self.said: tuple[Any, ...] = ()
-        self.said_at, self.kept = -1e9, ""
+        self.said_at, self.kept, self.result = -1e9, "", ""
         self._restore()
         self.shown = self.add_publisher("~/network", String, qos.LATCHED)
         self.status = self.add_publisher("~/status", NavigatorStatus, qos.LATCHED)
@@ -118,7 +118,7 @@ class RouteNavigator(ManagedNode):
 
     def on_call(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause or resume."""
-        response.message = {"pause": self.mission.pause, "resume": self.mission.resume}[name](self.now())
+        response.message = getattr(self.mission, name)(self.now())
         response.success = not response.message
         if name == "pause":
             self.go_on()
@@ -240,7 +240,7 @@ class RouteNavigator(ManagedNode):
         """Return how the mission goes."""
         mission = self.mission
         return Navigate.Feedback(
-            edge="" if mission.leg is None else str(mission.leg.edge),
+            edge=next((str(leg.edge) for leg in mission.legs_ahead), ""),
             next_place=mission.next_place,
             distance_remaining=mission.distance_remaining,
             time_remaining=mission.time_remaining,
@@ -271,11 +271,9 @@ class RouteNavigator(ManagedNode):
 
     # --- over a restart
     def _restore(self) -> None:
-        self.result = ""
-        if not self.state_file.exists():
-            return
         try:
-            read_mission(self.state_file, self.mission, self.now())
+            if self.state_file.exists():
+                read_mission(self.state_file, self.mission, self.now())
         except ValueError as error:
             self.log.warning(f"no mission is taken over: {one_line(error)}")
 

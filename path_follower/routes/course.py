@@ -30,7 +30,8 @@ from sphere_nav.geometry.arrays import Array, arc_lengths
 class Course:
     """Points (N,) in order of driving. They begin `lead` m behind a vehicle that joins.
 
-    By joining the first leg is longer than on the network by `change` m.
+    By joining the first leg is longer than on the network by `change` m. All takes `seconds`; of the legs each round
+    at the end has `round_legs`.
     """
 
     x: Array
@@ -40,6 +41,8 @@ class Course:
     legs: tuple[Leg, ...]
     change: float = 0.0
     lead: float = 0.0
+    seconds: float = 0.0
+    round_legs: int = 0
 
     @cached_property
     def ends(self) -> Array:
@@ -49,11 +52,14 @@ class Course:
     @property
     def length(self) -> float:
         """Way in m."""
-        return float(self.ends[-1])
+        return float(self.ends[-1]) if self.legs else 0.0
 
     def leg_at(self, way: float) -> int:
         """Return which leg a vehicle is on that has driven this far."""
         return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
+
+
+NO_COURSE = Course(*4 * (np.empty(0),), ())
 
 
 def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:

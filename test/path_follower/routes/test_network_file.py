@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,12 +145,12 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission = mission_of(fork)
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
     (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
-    mission.course = make_course(fork, legs, None, VehicleParams())
-    mission._seconds, mission._round_legs, mission.laps_left = 24.0, 2, 2
+    mission.course = replace(make_course(fork, legs, None, VehicleParams()), seconds=24.0, round_legs=2)
+    mission.laps_left = 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
-    assert (found.goal, found.laps_left, found._round_legs) == (mission.goal, 2, 2)
+    assert (found.goal, found.laps_left, found.course.round_legs) == (mission.goal, 2, 2)
     assert list(found.course.legs) == legs
     assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
     assert first.length > 9.0
