@@ -32,7 +32,7 @@ from path_follower.routes.constants import (
     STUB,
     TURN_SCALE,
 )
-from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
+from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array, Flags
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
@@ -132,14 +132,12 @@ def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], on: int, at: int) -
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
     """Return runs of points that lie alongside the same curve; one that is followed is kept as long as it is near."""
-    found = [_alongside(strand.curve, curve) for strand in strands]
-    own = _alongside_itself(curve)
+    found = {k: _alongside(strand.curve, curve) for k, strand in enumerate(strands)}
+    found[HERE] = _alongside_itself(curve)
     runs: list[_Run] = []
     on = OWN
     for point in range(len(curve)):
-        near = {k: (off[point], at[point]) for k, (off, at) in enumerate(found) if at[point] >= 0}
-        if own[1][point] >= 0:
-            near[HERE] = (own[0][point], own[1][point])
+        near = {k: (off[point], at[point]) for k, (off, at) in found.items() if at[point] >= 0}
         last = int(runs[-1].at[-1]) if runs else -1
         if on != OWN and (ahead := _ahead(curve if on == HERE else strands[on].curve, curve, point, last)) >= 0:
             near[on] = (0.0, ahead)
@@ -168,21 +166,20 @@ def _features(curve: EdgeCurve) -> Array:
 
 def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
-    return _on_lane(there, curve, _nearest(_features(there), _features(curve)), np.arange(len(curve)))
-
-
-def _nearest(known: Array, features: Array) -> Indices:
-    """Return which of known features (N, 4) is the nearest to each of others (M, 4); -1: none may be on its lane."""
-    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
-    _, at = cKDTree(known).query(features, distance_upper_bound=reach)
-    return np.where(at < len(known), at, -1).astype(np.intp)
+    _, at = cKDTree(_features(there)).query(_features(curve))
+    return _on_lane(there, curve, at, np.arange(len(curve)))
 
 
 def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
-    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = turned_by(there.yaw[at], curve.yaw[points])
-    is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
+    off, turned = _apart(there, curve, at, points)
+    is_near = (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
+
+
+def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
+    """Return m and rad between points of two curves."""
+    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
+    return off, turned_by(there.yaw[at], curve.yaw[points])
 
 
 def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
@@ -191,24 +188,15 @@ def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     features, past, block = _features(curve), round(PAST / SPACING), round(5.0 / SPACING)
     for begin in range(past + 1, len(curve), block):
         points = np.arange(begin, min(begin + block, len(curve)))
-        at = _nearest(features[: begin - past], features[points])
+        _, at = cKDTree(features[: begin - past]).query(features[points])
         off[points], found[points] = _on_lane(curve, curve, at, points)
     return off, found
 
 
 def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> list[_Run]:
     """Close gaps between runs along the same curve, drop short ones, join neighbours."""
-    closed: list[_Run] = []
-    for number, run in enumerate(runs):
-        after = runs[number + 1] if number + 1 < len(runs) else None
-        before = closed[-1] if closed else None
-        if run.on == OWN and before is not None and after is not None and before.on == after.on != OWN:
-            gone = int(after.at[0]) - int(before.at[-1])
-            if run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
-                run = replace(
-                    run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp)
-                )
-        closed.append(run)
+    inner = (_without_gap(*three) for three in zip(runs, runs[1:], runs[2:], strict=False))
+    closed = [*runs[:1], *inner, *runs[1:][-1:]]
     kept = [
         replace(run, on=OWN)
         if run.on != OWN and run.count < MIN_SHARED / SPACING and run.first > 0 and run.last < len(curve) - 1
@@ -222,6 +210,16 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
     return _with_changes(strands, whole)
 
 
+def _without_gap(before: _Run, run: _Run, after: _Run) -> _Run:
+    """Return a short run of its own as one along the curve that it leaves and comes back to."""
+    gone = int(after.at[0]) - int(before.at[-1])
+    is_gap = run.on == OWN and before.on == after.on != OWN
+    if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
+        between_them = np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1]
+        return _Run(before.on, run.first, between_them.astype(np.intp))
+    return run
+
+
 def _with(run: _Run, following: _Run) -> _Run:
     return replace(run, at=np.concatenate([run.at, following.at]))
 
@@ -229,11 +227,10 @@ def _with(run: _Run, following: _Run) -> _Run:
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
     joined: list[_Run] = []
     for run in runs:
-        last = joined[-1] if joined else None
-        if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
-            joined[-1] = _with(last, run)
-        else:
-            joined.append(run)
+        last = joined[-1] if joined else run
+        if joined and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
+            run = _with(joined.pop(), run)
+        joined.append(run)
     return joined
 
 
@@ -242,8 +239,8 @@ def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
     half = round(MIN_SHARED / SPACING)
     result: list[_Run] = []
     for run in runs:
-        last = result[-1] if result else None
-        if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
+        last = result[-1] if result else run
+        if result and OWN not in (last.on, run.on) and not _are_connected(strands, last, run):
             before, after = min(half, last.count - 1), min(half, run.count - 1)
             result[-1] = replace(last, at=last.at[: last.count - before])
             result.append(_Run(OWN, last.last + 1 - before, np.full(before + after, -1, dtype=np.intp)))
@@ -285,8 +282,7 @@ def _best(
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + offsets, run.at[offsets]
-    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = turned_by(there.yaw[at], curve.yaw[points])
+    off, turned = _apart(there, curve, at, points)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
     near = np.flatnonzero(cost <= cost.min() + ALIKE)
     best = int(near[-1] if is_late else near[0])
@@ -313,9 +309,9 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     along = ahead * _fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
     x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)
     y = curve.y + shift * np.cos(curve.yaw) + along * np.sin(curve.yaw)
-    faded = way < span
-    turned = headings(x, y, target.yaw if is_begin else None, None if is_begin else target.yaw)
-    turned = np.where(faded, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
+    turned = np.arctan2(np.gradient(y), np.gradient(x))
+    turned[here] = target.yaw
+    turned = np.where(way < span, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
     strand.curve = EdgeCurve(x, y, np.unwrap(turned), curve.speed)
 
 
@@ -357,7 +353,8 @@ def _dissolved(network: Network) -> Network:
         a, b = before[0], after[0]
         if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
             continue
-        edges[a.id] = replace(a, end=b.end, curve=join_curves([a.curve, b.curve]))
+        x, y, yaw, speed = np.concatenate([a.curve.columns, b.curve.columns[:, 1:]], axis=1)
+        edges[a.id] = replace(a, end=b.end, curve=EdgeCurve(x, y, np.unwrap(yaw), speed))
         del edges[b.id], nodes[number]
     return replace(network, nodes=nodes, edges=edges)
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from path_follower.path import Pose2, between, turned_by, wrap
+from path_follower.path import Pose2, between, turned_by
 from path_follower.routes.constants import MAX_NAME
 from sphere_nav.geometry.arrays import Array, arc_lengths
 
@@ -173,23 +173,6 @@ def _foot(edge: RouteEdge, pose: Pose2, reach: float, max_turn: float) -> Spot |
     foot = float(curve.arc[best]) + step.x
     s = min(max(foot, 0.0), edge.length)
     return None if math.hypot(step.y, foot - s) > reach else Spot(edge.id, s, step.y, step.yaw)
-
-
-def headings(x: Array, y: Array, first: float | None = None, last: float | None = None) -> Array:
-    """Return the unwrapped heading (N,) along points, given at the ends where it is known."""
-    yaw: Array = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
-    if first is not None:
-        yaw[0] = yaw[1] + wrap(first - float(yaw[1]))
-    if last is not None:
-        yaw[-1] = yaw[-2] + wrap(last - float(yaw[-2]))
-    return yaw
-
-
-def join_curves(curves: Iterable[EdgeCurve]) -> EdgeCurve:
-    """Return one curve of several, each of which begins where the last one ends."""
-    parts = [curve.columns[:, number > 0 :] for number, curve in enumerate(curves)]
-    x, y, yaw, speed = np.concatenate(parts, axis=1)
-    return EdgeCurve(x, y, np.unwrap(yaw), speed)
 
 
 Indices = NDArray[np.intp]
