@@ -10,6 +10,7 @@ Two unknown poses from many instants, X M_i = A_i Z: a camera and a board that o
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -101,6 +102,12 @@ class Assembly:
         apart = _apart(seen.reshape(-1, 4, 4), self.boards[sighting.board].matrix[None], sighting.reach)
         return apart.reshape(len(T_world_rigs), -1).min(axis=1)
 
+    def located(self) -> Iterator[tuple[SE3, Sighting]]:
+        """Yield the sightings of instants at which the rig is known, with candidates (K,) of `T_world_rig`."""
+        for instant, sightings in self.by_instant.items():
+            rigs = self.rig_poses(instant)
+            yield from ((rigs, sighting) for sighting in sightings if len(rigs.matrix))
+
 
 def board_turns(board: Board) -> SE3:
     """Return `T_board_turned` (K,): the motions of the board that put its corners on those of `board.turns`."""
@@ -134,20 +141,16 @@ def _grow(found: Assembly) -> bool:
     """Add the camera or board that most instants agree about; return whether there was one."""
     candidates: dict[Key, list[Array]] = defaultdict(list)
     reach: dict[Key, list[float]] = defaultdict(list)
-    for instant, sightings in found.by_instant.items():
-        rigs = found.rig_poses(instant)
-        for s in sightings if len(rigs.matrix) else []:
-            if s.camera in found.cameras and s.board not in found.boards:
-                key, pairs = ("board", s.board), ((rigs @ found.cameras[s.camera]), s.T_camera_board)
-            elif s.board in found.boards and s.camera not in found.cameras:
-                key, pairs = (
-                    ("camera", s.camera),
-                    ((rigs.inverse() @ found.boards[s.board]), s.T_camera_board.inverse()),
-                )
-            else:
-                continue
-            candidates[key].append((pairs[0].matrix[:, None] @ pairs[1].matrix).reshape(-1, 4, 4))
-            reach[key].append(s.reach)
+    for rigs, s in found.located():
+        if s.camera in found.cameras and s.board not in found.boards:
+            key, first, second = ("board", s.board), rigs @ found.cameras[s.camera], s.T_camera_board
+        elif s.board in found.boards and s.camera not in found.cameras:
+            key, first = ("camera", s.camera), rigs.inverse() @ found.boards[s.board]
+            second = s.T_camera_board.inverse()
+        else:
+            continue
+        candidates[key].append((first.matrix[:, None] @ second.matrix).reshape(-1, 4, 4))
+        reach[key].append(s.reach)
     agreed = {key: _majority(poses, float(np.median(reach[key]))) for key, poses in candidates.items()}
     if not agreed:
         return False
@@ -159,11 +162,9 @@ def _grow(found: Assembly) -> bool:
 def _join_by_motion(found: Assembly) -> bool:
     """Add the camera and the board that see each other most often, but nothing that is known."""
     pairs: dict[tuple[int, int], list[tuple[Array, Array]]] = defaultdict(list)
-    for instant, sightings in found.by_instant.items():
-        rigs = found.rig_poses(instant)
-        for s in sightings if len(rigs.matrix) else []:
-            if s.camera not in found.cameras and s.board not in found.boards:
-                pairs[s.camera, s.board].append((s.T_camera_board[0].matrix, rigs[0].inverse().matrix))
+    for rigs, s in found.located():
+        if s.camera not in found.cameras and s.board not in found.boards:
+            pairs[s.camera, s.board].append((s.T_camera_board[0].matrix, rigs[0].inverse().matrix))
     (camera, board), instants = max(pairs.items(), key=lambda item: len(item[1]), default=((0, 0), []))
     if len(instants) < MIN_HAND_EYE:
         return False

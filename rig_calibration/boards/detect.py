@@ -109,12 +109,10 @@ def _charuco_boards(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Ind
             charuco.check(board)
         markers = charuco.find_markers(gray, name)
         for board in same:
-            seen = charuco.find_corners(gray, board, markers)
-            if seen is not None:
-                is_inside = _is_inside(gray, seen[1])
-                numbers, corners = seen[0][is_inside], seen[1][is_inside]
-                if len(numbers) < MIN_CORNERS:
-                    continue
+            numbers, corners = charuco.find_corners(gray, board, markers)
+            is_inside = _is_inside(gray, corners)
+            numbers, corners = numbers[is_inside], corners[is_inside]
+            if len(numbers) >= MIN_CORNERS:
                 gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
                 half = int(np.clip(gap + BLUR_PX, *HALF_WINDOW))
                 found[board.name] = numbers, _refine(gray, corners, half)

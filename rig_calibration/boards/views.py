@@ -79,15 +79,7 @@ def observations(
     points: Sequence[Array],
     pixels: Sequence[Array],
 ) -> Observations:
-    """Stack views given by their indices, points (n, 3) and pixels (n, 2); sorted by camera they must come."""
-    cameras = np.asarray(camera, dtype=np.intp)
-    if np.any(np.diff(cameras) < 0):
-        raise ValueError("observations: expected views sorted by camera")
-    return Observations(
-        cameras,
-        np.asarray(instant, dtype=np.intp),
-        np.asarray(board, dtype=np.intp),
-        np.array([len(pixel) for pixel in pixels], dtype=np.intp),
-        np.concatenate(points),
-        np.concatenate(pixels),
-    )
+    """Stack views given by their indices, points (n, 3) and pixels (n, 2); they come sorted by camera."""
+    counts = list(map(len, pixels))
+    cameras, instants, boards, numbers = (np.asarray(one, dtype=np.intp) for one in (camera, instant, board, counts))
+    return Observations(cameras, instants, boards, numbers, np.concatenate(points), np.concatenate(pixels))

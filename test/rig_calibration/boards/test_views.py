@@ -1,19 +1,15 @@
 """Rows of the adjustment, and how steps move a state."""
 
 import numpy as np
-import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.starting import camera_observations
 from rig_calibration.boards.state import camera_state
-from rig_calibration.boards.views import BoardView, observations
+from rig_calibration.boards.views import BoardView
 from sphere_nav.geometry import SE3
 
 
-def test_views_must_come_by_camera_and_rows_are_those_of_one():
-    points, pixels = [np.zeros((4, 3))] * 2, [np.zeros((4, 2))] * 2
-    with pytest.raises(ValueError, match="sorted by camera"):
-        observations([1, 0], [0, 0], [0, 0], points, pixels)
+def test_corners_of_views_stand_one_below_the_other():
     board = Board("b", 4, 3, 0.1)
     views = [BoardView("c", str(n), "b", np.arange(5 + n), np.full((5 + n, 2), float(n))) for n in range(2)]
     seen = camera_observations(views, {"b": board})
