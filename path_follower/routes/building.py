@@ -32,7 +32,7 @@ from path_follower.routes.constants import (
     STUB,
     TURN_SCALE,
 )
-from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge
+from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array, Flags
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
@@ -338,7 +338,7 @@ def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
             may = strand.ways[:, (first + last) // 2].tolist()
             edges[len(edges)] = RouteEdge(len(edges), *ends, strand.curve.between(first, last), *may)
     home = node(_Anchor(0, 0))
-    nodes = {number: Node(number, strands[at.strand].curve.point(at.at)) for at, number in numbers.items()}
+    nodes = {number: strands[at.strand].curve.point(at.at) for at, number in numbers.items()}
     return _renumbered(_dissolved(Network(nodes, edges, {"home": home}, map_id)))
 
 
@@ -362,7 +362,7 @@ def _dissolved(network: Network) -> Network:
 def _renumbered(network: Network) -> Network:
     """Number nodes, then edges, from 1: no number stands for both, as Nav2's Route Server wants it."""
     names = {old: new for new, old in enumerate(network.nodes, 1)}
-    nodes = {names[node.id]: replace(node, id=names[node.id]) for node in network.nodes.values()}
+    nodes = {names[node]: pose for node, pose in network.nodes.items()}
     edges = {
         number: replace(edge, id=number, start=names[edge.start], end=names[edge.end])
         for number, edge in enumerate(network.edges.values(), len(names) + 1)

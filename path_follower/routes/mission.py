@@ -541,7 +541,7 @@ class Mission:
         """The next named place on the way."""
         for leg in self.legs_ahead:
             edge = self.network.edges[leg.edge]
-            node = edge.end if leg.direction > 0 else edge.start
+            _, node = edge.ends(leg.direction)
             is_end = abs(leg.last - (edge.length if leg.direction > 0 else 0.0)) < 1e-6
             if is_end and (name := self.network.name_of(node)):
                 return name

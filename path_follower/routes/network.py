@@ -66,14 +66,6 @@ class EdgeCurve:
         return EdgeCurve(*self.columns[:, first : last + 1].copy())
 
 
-@dataclass(frozen=True)
-class Node:
-    """A pose where edges begin and end; all of them head as it does."""
-
-    id: int
-    pose: Pose2
-
-
 @dataclass(frozen=True, eq=False)
 class RouteEdge:
     """A curve from one node to another, and how it may be driven."""
@@ -89,6 +81,10 @@ class RouteEdge:
     def length(self) -> float:
         """Length in m."""
         return self.curve.length
+
+    def ends(self, direction: int) -> tuple[int, int]:
+        """Return the nodes where it begins and ends, driven forward (1) or backwards (-1)."""
+        return (self.start, self.end) if direction > 0 else (self.end, self.start)
 
     def seconds(self, cruise: float) -> float:
         """Return how long it takes at the taught speeds, at most `cruise` m/s."""
@@ -108,9 +104,9 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Nodes, edges and places of one map."""
+    """Nodes, edges and places of one map. A node is the pose at which edges begin and end; all head as it does."""
 
-    nodes: Mapping[int, Node]
+    nodes: Mapping[int, Pose2]
     edges: Mapping[int, RouteEdge]
     places: Mapping[str, int] = field(default_factory=dict)  # node by name
     map_id: str = ""
@@ -156,7 +152,7 @@ class Network:
         new = max(*self.nodes, *self.edges) + 1
         before = replace(edge, end=new, curve=edge.curve.part(0.0, spot.s))
         after = replace(edge, id=new + 1, start=new, curve=edge.curve.part(spot.s, edge.length))
-        nodes = {**self.nodes, new: Node(new, edge.curve.pose(spot.s))}
+        nodes = {**self.nodes, new: edge.curve.pose(spot.s)}
         edges = {**self.edges, edge.id: before, after.id: after}
         return replace(self, nodes=nodes, edges=edges, places={**self.places, name: new})
 

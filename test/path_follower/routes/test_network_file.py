@@ -15,7 +15,7 @@ from path_follower.routes.course import make_course
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.mission import FollowerView, Goal, Mission
 from path_follower.routes.mission_file import read_mission, write_course, write_mission
-from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
+from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 from path_follower.routes.params import MissionParams
 from path_follower.routes.planning import Leg, plan
@@ -71,7 +71,7 @@ def test_an_edge_comes_back_from_its_file_however_it_may_be_driven():
     curve = EdgeCurve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
     ways = {10: (True, False), 11: (True, True), 12: (False, True)}
     edges = {i: RouteEdge(i, 1, 2, curve, *way) for i, way in ways.items()}
-    nodes = {1: Node(1, Pose2(0.0, 0.0, 0.0997)), 2: Node(2, Pose2(3.1, 0.31, 0.0997))}
+    nodes = {1: Pose2(0.0, 0.0, 0.0997), 2: Pose2(3.1, 0.31, 0.0997)}
     text = to_geojson(Network(nodes, edges, {"gate": 2}, "campus", "hall"))
     found = from_geojson(text)
     assert (found.places, found.frame) == ({"gate": 2}, "hall")
