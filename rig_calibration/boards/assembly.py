@@ -1,4 +1,4 @@
-"""Where cameras, boards and rig roughly are, from the pose of every board that a camera saw.
+"""From cameras calibrated one by one to a start of the whole rig, by the pose of every board that a camera saw.
 
 Starting from one camera and one board, whatever is joined to what is known by a common instant is added, by the
 candidate that most instants agree with. A camera and a board that only see each other are joined through the
@@ -10,41 +10,22 @@ Two unknown poses from many instants, X M_i = A_i Z: a camera and a board that o
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import BoardView
+from rig_calibration.boards.bundle import residuals
+from rig_calibration.boards.intrinsics import SingleCamera
+from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
+from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
-
-
-def hand_eye(M: SE3, A: SE3) -> tuple[SE3, SE3]:
-    """Return X and Z of X M_i = A_i Z, of batches (N,), N >= 3.
-
-    Turns from instant to instant give the rotation of X, X (M_i M_j^-1) = (A_i A_j^-1) X, and with it that of Z; a
-    refinement gives all twelve numbers. What the motion does not show (a translation along the only axis of rotation)
-    stays near zero.
-    """
-    before = np.roll(np.arange(len(M.matrix)), 1)
-    turns = [so3.log((T @ T[before].inverse()).rotation) for T in (A, M)]
-    R_X = so3.nearest_rotations(turns[0].T @ turns[1])
-    R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
-    X, Z = (SE3.from_parts(R, np.zeros(3)) for R in (R_X, R_Z))
-    scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
-
-    def errors(step: Array) -> Array:
-        off = (A @ Z @ SE3.exp(step[6:])).inverse() @ (X @ SE3.exp(step[:6]) @ M)
-        return np.concatenate([off.translation / scale, so3.log(off.rotation)], axis=-1).ravel()
-
-    step = least_squares(errors, np.zeros(12), loss="soft_l1", f_scale=0.02, max_nfev=40).x
-    return X @ SE3.exp(step[:6]), Z @ SE3.exp(step[6:])
-
+from sphere_nav.geometry.cameras.lens import lens_of
 
 Key = tuple[str, int]  # "camera" or "board", and its index
 
@@ -174,6 +155,28 @@ def _join_by_motion(found: Assembly) -> bool:
     return True
 
 
+def hand_eye(M: SE3, A: SE3) -> tuple[SE3, SE3]:
+    """Return X and Z of X M_i = A_i Z, of batches (N,), N >= 3.
+
+    Turns from instant to instant give the rotation of X, X (M_i M_j^-1) = (A_i A_j^-1) X, and with it that of Z; a
+    refinement gives all twelve numbers. What the motion does not show (a translation along the only axis of rotation)
+    stays near zero.
+    """
+    before = np.roll(np.arange(len(M.matrix)), 1)
+    turns = [so3.log((T @ T[before].inverse()).rotation) for T in (A, M)]
+    R_X = so3.nearest_rotations(turns[0].T @ turns[1])
+    R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
+    X, Z = (SE3.from_parts(R, np.zeros(3)) for R in (R_X, R_Z))
+    scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
+
+    def errors(step: Array) -> Array:
+        off = (A @ Z @ SE3.exp(step[6:])).inverse() @ (X @ SE3.exp(step[:6]) @ M)
+        return np.concatenate([off.translation / scale, so3.log(off.rotation)], axis=-1).ravel()
+
+    step = least_squares(errors, np.zeros(12), loss="soft_l1", f_scale=0.02, max_nfev=40).x
+    return X @ SE3.exp(step[:6]), Z @ SE3.exp(step[6:])
+
+
 def _majority(candidates: list[Array], reach: float) -> tuple[SE3, int]:
     """Return the mean of the candidates that most instants agree about, and how many instants these are."""
     pool = np.concatenate(candidates)
@@ -194,3 +197,69 @@ def _apart(first: Array, second: Array, reach: float) -> Array:
     trace = first[:, :3, :3].reshape(-1, 9) @ second[:, :3, :3].reshape(-1, 9).T
     moved = np.linalg.norm(first[:, None, :3, 3] - second[None, :, :3, 3], axis=-1)
     return moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class StartingPoint:
+    """Views of the rig with the weights (N,) of their corners, the problem they pose and a state to start from."""
+
+    views: tuple[BoardView, ...]
+    problem: AdjustmentProblem
+    state: RigState
+    kept: Array
+
+
+def start_of_rig(
+    names: Sequence[str],
+    boards: Sequence[Board],
+    seen: list[Sighting],
+    singles: Sequence[SingleCamera],
+    T_rig_reference: SE3,
+) -> StartingPoint:
+    """Join the cameras, keep the views that are joined, number their corners as the rig sees them.
+
+    A board that looks alike after a turn gives one pose for every turn. ValueError names the cameras that stay apart.
+    """
+    found = assemble(seen, T_rig_reference, len(names))
+    check_joined(names, set(found.cameras))
+    poses = {i: rigs[0] for i in sorted(found.by_instant) if len((rigs := found.rig_poses(i)).matrix)}
+    order = {instant: row for row, instant in enumerate(poses)}
+    joined = [s for s in seen if s.instant in poses and s.board in found.boards]
+    views = tuple(_turn_view(s, found, poses[s.instant], boards[s.board]) for s in joined)
+    camera_of, instant_of, board_of = zip(*((s.camera, order[s.instant], s.board) for s in joined), strict=True)
+    points = [boards[s.board].points[view.corners] for s, view in zip(joined, views, strict=True)]
+    state = RigState(
+        np.stack([lens_of(single.camera) for single in singles]),
+        _stack([found.cameras[i] for i in range(len(singles))]),
+        _stack([found.boards.get(i, SE3.identity()) for i in range(len(boards))]),
+        _stack(list(poses.values())),
+    )
+    models = tuple(single.camera.model for single in singles)
+    sizes = tuple((single.camera.width, single.camera.height) for single in singles)
+    reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
+    observed = observations(camera_of, instant_of, board_of, points, [view.pixels for view in views])
+    problem = rig_problem(models, sizes, observed, len(boards), reference)
+    is_seen, weights = np.isfinite(residuals(problem, state)[:, 0]), np.concatenate([s.weights for s in joined])
+    return StartingPoint(views, problem, state, np.where(is_seen, weights, 0.0))
+
+
+def _turn_view(sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> BoardView:
+    """Number the corners by the turn of the board that fits where board, camera and rig are."""
+    expected = (T_world_rig @ found.cameras[sighting.camera]).inverse() @ found.boards[sighting.board]
+    off = np.linalg.norm(sighting.T_camera_board.matrix - expected.matrix, axis=(-2, -1))
+    return replace(sighting.view, corners=board.turns[int(np.argmin(off))][sighting.view.corners])
+
+
+def _stack(poses: list[SE3]) -> SE3:
+    return SE3(np.stack([pose.matrix for pose in poses]))
+
+
+def check_joined(cameras: Sequence[str], joined: set[int]) -> None:
+    """Raise ValueError naming the cameras that nothing joins to the first one."""
+    apart = [name for index, name in enumerate(cameras) if index not in joined]
+    if apart:
+        together = ", ".join(name for index, name in enumerate(cameras) if index in joined)
+        raise ValueError(
+            f"cameras: expected all to be joined by boards seen at the same instant, found {', '.join(apart)} "
+            f"apart from {together}; images of one instant need the same name or number"
+        )

@@ -3,9 +3,8 @@
 import numpy as np
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.starting import camera_observations
 from rig_calibration.boards.state import camera_state
-from rig_calibration.boards.views import BoardView
+from rig_calibration.boards.views import BoardView, camera_observations
 from sphere_nav.geometry import SE3
 
 
