@@ -50,7 +50,7 @@ def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: Vehicle
     """
     lateral = np.sqrt(driving.lateral_acceleration / np.maximum(np.abs(bend), 1e-6))
     angle = np.arctan(vehicle.virtual_wheelbase * bend)
-    turning = np.abs(np.gradient(angle, way)) if len(way) > 2 else np.zeros(len(way))
+    turning = np.abs(np.gradient(angle, way))
     by_rate = vehicle.max_steering_rate / np.maximum(turning, 1e-6)
     limit = np.minimum(np.minimum(lateral, by_rate), min(driving.cruise, vehicle.max_speed))
     return np.maximum(limit, CREEP)

@@ -153,7 +153,7 @@ class RouteNavigator(ManagedNode):
 
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
-        self.finish_goals(False, "replaced by a new goal")
+        self.finish_goals(False, "replaced by a new goal", self.mission.driven + self.mission.progress)
         self.mission.begin(read(goal.request), self.now())
         self.goals.append((goal, result))
         self.tell()
@@ -190,12 +190,11 @@ class RouteNavigator(ManagedNode):
             result.error_msg = reason
         return result
 
-    def finish_goals(self, success: bool, reason: str, distance: float | None = None) -> None:
-        """End the goals of the mission."""
-        driven = self.mission.driven + self.mission.progress if distance is None else distance
+    def finish_goals(self, success: bool, reason: str, distance: float) -> None:
+        """End the goals of the mission, which has driven this far in m."""
         while self.goals:
             goal, result = self.goals.pop()
-            goal.finish(result(success, reason, driven), success=success)
+            goal.finish(result(success, reason, distance), success=success)
 
     # --- what goes out
     def on_tick(self) -> None:

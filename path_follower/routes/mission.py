@@ -247,9 +247,10 @@ class Mission:
 
     def close(self, name: str, is_closed: bool, now: float) -> None:
         """Close an edge, or open it; a mission that would come to it takes another way. ValueError: unknown edge."""
-        edge = int(name.lstrip("-")) if name.lstrip("-").isdigit() else -1
-        if edge not in self.network.edges:
-            raise ValueError(f"edge: expected one of {', '.join(map(str, self.network.edges))}, found {name!r}")
+        edges = {str(edge): edge for edge in self.network.edges}
+        if name.lstrip("-") not in edges:
+            raise ValueError(f"edge: expected one of {', '.join(edges)}, found {name!r}")
+        edge = edges[name.lstrip("-")]
         self.blocked.pop(edge, None)
         (self.closed.add if is_closed else self.closed.discard)(edge)
         is_driven = self.state in (MissionState.DRIVING, MissionState.STARTING)

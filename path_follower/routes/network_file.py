@@ -54,7 +54,7 @@ def to_geojson(network: Network, *, is_dense: bool = True) -> str:
     features += [_edge_feature(edge) for edge in network.edges.values()]
     for feature in features if not is_dense else ():
         feature["properties"].pop("curve", None)
-    features += [_twin_feature(edge, reach + 1 + count) for count, edge in enumerate(twins)]
+    features += [_twin_feature(edge, number) for number, edge in enumerate(twins, reach + 1)]
     head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": network.frame}
     whole = {"type": "FeatureCollection", "name": "graph", "network": head, "features": features}
     return json.dumps(whole, allow_nan=False)

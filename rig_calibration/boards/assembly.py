@@ -10,7 +10,7 @@ Two unknown poses from many instants, X M_i = A_i Z: a camera and a board that o
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -92,12 +92,11 @@ class Assembly:
 
 def board_turns(board: Board) -> SE3:
     """Return `T_board_turned` (K,): the motions of the board that put its corners on those of `board.turns`."""
-    poses = []
-    for turn in board.turns:
-        points, moved = board.points, board.points[turn]
+    points, poses = board.points, []
+    for moved in board.points[board.turns]:
         R = so3.nearest_rotations((moved - moved.mean(0)).T @ (points - points.mean(0)))
-        poses.append(SE3.from_parts(R, moved.mean(0) - R @ points.mean(0)).matrix)
-    return SE3(np.stack(poses))
+        poses.append(SE3.from_parts(R, moved.mean(0) - R @ points.mean(0)))
+    return _stack(poses)
 
 
 def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int) -> Assembly:
@@ -142,16 +141,14 @@ def _grow(found: Assembly) -> bool:
 
 def _join_by_motion(found: Assembly) -> bool:
     """Add the camera and the board that see each other most often, but nothing that is known."""
-    pairs: dict[tuple[int, int], list[tuple[Array, Array]]] = defaultdict(list)
+    pairs: dict[tuple[int, int], list[tuple[SE3, SE3]]] = defaultdict(list)
     for rigs, s in found.located():
         if s.camera not in found.cameras and s.board not in found.boards:
-            pairs[s.camera, s.board].append((s.T_camera_board[0].matrix, rigs[0].inverse().matrix))
+            pairs[s.camera, s.board].append((s.T_camera_board[0], rigs[0].inverse()))
     (camera, board), instants = max(pairs.items(), key=lambda item: len(item[1]), default=((0, 0), []))
     if len(instants) < MIN_HAND_EYE:
         return False
-    found.cameras[camera], found.boards[board] = hand_eye(
-        *(SE3(np.stack(poses)) for poses in zip(*instants, strict=True))
-    )
+    found.cameras[camera], found.boards[board] = hand_eye(*map(_stack, zip(*instants, strict=True)))
     return True
 
 
@@ -250,7 +247,7 @@ def _turn_view(sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Boa
     return replace(sighting.view, corners=board.turns[int(np.argmin(off))][sighting.view.corners])
 
 
-def _stack(poses: list[SE3]) -> SE3:
+def _stack(poses: Iterable[SE3]) -> SE3:
     return SE3(np.stack([pose.matrix for pose in poses]))
 
 

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.geometry.files.untrusted import told_at
 
 
 def check(board: Board) -> None:
     """Raise ValueError where OpenCV has no such dictionary, or too few markers in it for the board."""
-    available = len(_dictionary(board.dictionary, board.name).bytesList)
+    with told_at(f"board {board.name!r}"):
+        available = len(_dictionary(board.dictionary).bytesList)
     last = board.first_marker + board.num_markers
     if last > available:
         raise ValueError(
@@ -56,11 +58,10 @@ def _has_classes() -> bool:
     return hasattr(cv2.aruco, "CharucoDetector")
 
 
-def _dictionary(name: str, board: str = "") -> Any:
+def _dictionary(name: str) -> Any:
     number = getattr(cv2.aruco, name, None)
     if not isinstance(number, int) or not name.startswith("DICT_"):
-        place = f"board {board!r}: " if board else ""
-        raise ValueError(f"{place}dictionary: expected a name such as DICT_4X4_250, found {name!r}")
+        raise ValueError(f"dictionary: expected a name such as DICT_4X4_250, found {name!r}")
     return cv2.aruco.getPredefinedDictionary(number)
 
 
