@@ -109,9 +109,9 @@ def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence
             raise ValueError(
                 f"camera {name}: expected a board in at least {MIN_VIEWS} of its images, found {count[name]}"
             )
-    numbers = {board.name: board.num_corners for board in boards}
+    known = {board.name for board in boards}
     for view in views:
-        if view.board not in numbers or len(view.corners) != len(view.pixels) or not np.all(np.isfinite(view.pixels)):
+        if view.board not in known or len(view.corners) != len(view.pixels) or not np.all(np.isfinite(view.pixels)):
             raise ValueError(f"view {view.label}: expected finite corners of a known board")
 
 
@@ -122,7 +122,7 @@ def _each_camera(
     progress: Progress,
 ) -> tuple[list[SingleCamera], list[Sighting], dict[str, str]]:
     """Calibrate every camera by itself; return the views that fit, and why the others do not."""
-    by_name, order = {board.name: board for board in boards}, [board.name for board in boards]
+    by_name = {board.name: board for board in boards}
     turns = {board.name: board_turns(board).inverse() for board in boards}
     singles, good, dropped = [], [], {}
     for camera, spec in enumerate(specs):
@@ -136,7 +136,7 @@ def _each_camera(
         for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
             if np.any(weight > 0):
                 T = single.T_camera_board[index] @ turns[view.board]
-                good.append(Sighting(camera, view.instant, order.index(view.board), T, view, weight))
+                good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")
     return singles, good, dropped

@@ -95,39 +95,37 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    pieces: dict[int, _Run] = {}
-    ends = {}
+    known, pieces = len(strands), list[_Run]()
     for index, run in enumerate(runs):
         if run.on == OWN:
-            (first, before), (last, after) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
-            pieces[index], ends[index] = _Run(len(strands), first, np.arange(last - first + 1)), (before, after)
+            (first, begin), (last, end) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
+            pieces.append(_Run(len(strands), first, np.arange(last - first + 1)))
             ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
-            strands.append(_Strand(drive.curve.between(first, last), ways))
+            strands.append(_Strand(drive.curve.between(first, last), ways, begin, end))
     shared = [run for run in runs if run.on != OWN]
-    parts = list(pieces.values()), shared
-    for index, piece in pieces.items():
-        strand, (before, after) = strands[piece.on], ends[index]
-        strand.begin = None if before is None else _resolve(*parts, runs[index - 1].on, before)
-        strand.end = None if after is None else _resolve(*parts, runs[index + 1].on, after)
+    for strand in strands[known:]:
+        strand.begin, strand.end = (at and _resolve(pieces, shared, at) for at in (strand.begin, strand.end))
         for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
             if anchor is not None:
                 _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
                 strands[anchor.strand].cuts.add(anchor.at)
     for run in shared:
         for point, at in enumerate(run.at.tolist(), run.first):
-            anchor = _resolve(*parts, run.on, at)
+            anchor = _resolve(pieces, shared, _Anchor(run.on, at))
             strand = strands[anchor.strand]
             strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
             strand.ways[int(drive.direction < 0), anchor.at] = True
 
 
-def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], on: int, at: int) -> _Anchor:
+def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], met: _Anchor) -> _Anchor:
     """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
+    on, at = met
     if on != HERE:
-        return _Anchor(on, at)
+        return met
     inside = [part for part in (*pieces, *shared) if part.first <= at <= part.last]
     (part, *_) = inside or sorted(pieces or shared, key=lambda part: max(part.first - at, at - part.last))
-    return _resolve(pieces, shared, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
+    there = int(part.at[min(max(at - part.first, 0), part.count - 1)])
+    return _resolve(pieces, shared, _Anchor(part.on, there))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
@@ -263,7 +261,7 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 # --- branches
 def _anchor(
     strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int, side: int
-) -> tuple[int, int | None]:
+) -> tuple[int, _Anchor | None]:
     """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
     run, near = runs[index], index + side
     if run.on != OWN or not 0 <= near < len(runs):
@@ -278,7 +276,7 @@ def _anchor(
 
 def _best(
     strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: Indices, *, is_late: bool
-) -> tuple[int, int]:
+) -> tuple[int, _Anchor]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + offsets, run.at[offsets]
@@ -288,7 +286,7 @@ def _best(
     best = int(near[-1] if is_late else near[0])
     found = int(at[best])
     end = 0 if found <= SNAP else len(there) - 1 if found >= len(there) - 1 - SNAP and run.on != HERE else found
-    return int(points[best]), end
+    return int(points[best]), _Anchor(run.on, end)
 
 
 def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:

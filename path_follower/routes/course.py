@@ -87,11 +87,11 @@ def _joined(
     table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
 ) -> tuple[Array, float, float]:
     """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
-    base = arc_lengths(table[:, :2])
-    curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
+    base, (x, y, yaw, driven) = arc_lengths(table[:, :2]), table.T
+    curve = EdgeCurve(x, y, np.unwrap(yaw), driven)
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + SPACING / 2]
-    speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
+    speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, driven)
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
     change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
     behind = _behind(poses, direction)
