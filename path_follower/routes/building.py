@@ -164,8 +164,14 @@ def _features(curve: EdgeCurve) -> Array:
 
 def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
-    _, at = cKDTree(_features(there)).query(_features(curve))
-    return _on_lane(there, curve, at, np.arange(len(curve)))
+    return _on_lane(there, curve, _nearest(_features(there), _features(curve)), np.arange(len(curve)))
+
+
+def _nearest(known: Array, features: Array) -> Indices:
+    """Return which of known features (N, 4) is the nearest to each of others (M, 4); any where none is near."""
+    reach = math.hypot(LANE, TURN_SCALE * SAME_HEADING)
+    _, at = cKDTree(known).query(features, distance_upper_bound=reach)
+    return np.minimum(at, len(known) - 1)
 
 
 def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
@@ -186,7 +192,7 @@ def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     features, past, block = _features(curve), round(PAST / SPACING), round(5.0 / SPACING)
     for begin in range(past + 1, len(curve), block):
         points = np.arange(begin, min(begin + block, len(curve)))
-        _, at = cKDTree(features[: begin - past]).query(features[points])
+        at = _nearest(features[: begin - past], features[points])
         off[points], found[points] = _on_lane(curve, curve, at, points)
     return off, found
 
