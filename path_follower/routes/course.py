@@ -59,7 +59,8 @@ class Course:
         return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
 
 
-NO_COURSE = Course(*4 * (np.empty(0),), ())
+NONE: Array = np.array(())
+NO_COURSE = Course(NONE, NONE, NONE, NONE, ())
 
 
 def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:

@@ -80,8 +80,8 @@ class Request:
 class FollowerView:
     """What the follower says of itself, m and s."""
 
-    state: str
-    permission: int
+    state: str = ""
+    permission: int = -1
     reason: str = ""
     remedy: str = ""
     progress: float = 0.0
@@ -89,7 +89,7 @@ class FollowerView:
     at: float = 0.0
 
 
-UNHEARD = FollowerView("", -1, at=-math.inf)  # nothing, or nothing that still holds
+UNHEARD = FollowerView(at=-math.inf)  # nothing, or nothing that still holds
 
 
 @dataclass(frozen=True)
