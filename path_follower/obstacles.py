@@ -40,8 +40,7 @@ def points_in_way(
 
 def points_on_arc(points: Array, steering_angle: float, distance: float, params: FollowerParams) -> int:
     """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
-    motion, wheelbase = Motion(1.0, steering_angle), params.vehicle.virtual_wheelbase
-    return _count(points, (drive(ORIGIN, motion, wheelbase, float(ahead)) for ahead in _steps(distance)), params)
+    return _count(points, _arc(Motion(1.0, steering_angle), distance, params), params)
 
 
 def swept_places(motion: Motion, params: FollowerParams) -> Array:
@@ -52,11 +51,15 @@ def swept_places(motion: Motion, params: FollowerParams) -> Array:
     body, sign = params.vehicle, math.copysign(1.0, motion.speed)
     half = body.width / 2.0 + params.safety.obstacle_margin
     end, across = (body.front if sign > 0 else -body.rear), np.linspace(-half, half, ACROSS)
-    along = _steps(stopping_distance(params.speed.cruise, params))
-    here = [drive(ORIGIN, Motion(sign, motion.steering_angle), body.virtual_wheelbase, float(way)) for way in along]
-    x, y, yaw = (np.array(column)[:, None] for column in zip(*here, strict=True))
+    here = _arc(Motion(sign, motion.steering_angle), stopping_distance(params.speed.cruise, params), params)
+    x, y, yaw = np.array(here).T[..., None]
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.stack([x + end * cosine - across * sine, y + end * sine + across * cosine], axis=-1).reshape(-1, 2)
+
+
+def _arc(motion: Motion, distance: float, params: FollowerParams) -> list[Pose2]:
+    """Return the poses of a motion at 1 m/s over the next `distance` m."""
+    return [drive(ORIGIN, motion, params.vehicle.virtual_wheelbase, float(ahead)) for ahead in _steps(distance)]
 
 
 def _steps(distance: float) -> Array:

@@ -154,7 +154,7 @@ def _read_yaml(file: Path) -> Given:
         expected = "rows [x, y], [x, y, yaw] or [x, y, yaw, speed]"
         raise ValueError(f"{file}: points: expected {expected}, found {short(given.points)}")
     columns = np.array(given.points).T
-    yaw, speed = (columns[i] if len(columns) > i else None for i in (2, 3))
+    yaw, speed, *_ = *columns[2:], None, None
     return Given(columns[:2].T, yaw, speed, given.is_closed, given.map_id, given.frame)
 
 

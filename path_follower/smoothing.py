@@ -59,7 +59,7 @@ def _average(points: Array) -> Array:
         run.append(point)
     bins.append(np.mean(run, axis=0))
     inner = [p for p in bins[1:-1] if min(np.hypot(*(p - points[0])), np.hypot(*(p - points[-1]))) > MIN_SPACING / 2]
-    return np.array([points[0], *inner, points[-1]]) if len(bins) > 1 else points[[0, -1]]
+    return np.array([points[0], *inner, points[-1]])
 
 
 def _close(points: Array) -> Array:

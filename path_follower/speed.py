@@ -50,7 +50,7 @@ def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: Vehicle
     """
     lateral = np.sqrt(driving.lateral_acceleration / np.maximum(np.abs(bend), 1e-6))
     angle = np.arctan(vehicle.virtual_wheelbase * bend)
-    turning = np.abs(np.gradient(angle, way)) if len(way) > 2 else np.zeros(len(way))
+    turning = np.abs(np.gradient(angle, way))
     by_rate = vehicle.max_steering_rate / np.maximum(turning, 1e-6)
     limit = np.minimum(np.minimum(lateral, by_rate), min(driving.cruise, vehicle.max_speed))
     return np.maximum(limit, CREEP)
@@ -69,8 +69,12 @@ def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_close
     for _ in range(2 if is_closed else 1):
         if is_closed:
             squared[-1] = squared[0] = min(squared[0], squared[-1])
-        for i in range(len(steps) - 1, -1, -1):
-            squared[i] = min(squared[i], squared[i + 1] + 2.0 * vehicle.max_deceleration * steps[i])
-        for i in range(len(steps)):
-            squared[i + 1] = min(squared[i + 1], squared[i] + 2.0 * vehicle.max_acceleration * steps[i])
+        _bound_rise(squared[::-1], 2.0 * vehicle.max_deceleration * steps[::-1])
+        _bound_rise(squared, 2.0 * vehicle.max_acceleration * steps)
     return np.sqrt(squared)
+
+
+def _bound_rise(values: Array, most: Array) -> None:
+    """Lower values (N,) so that none is above the one before it by more than `most` (N - 1,)."""
+    for i, rise in enumerate(most.tolist()):
+        values[i + 1] = min(values[i + 1], values[i] + rise)

@@ -47,13 +47,14 @@ def make_path(
         raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
     if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
         raise ValueError("path: expected forward driving only (path.is_reverse_allowed), found points driven backwards")
-    curves = [smooth_curve(_distinct(xy[first : last + 1]), path, is_closed=is_closed) for first, last, _ in parts]
-    for (first, last, direction), curve in zip(parts, curves, strict=True):
+    pieces: list[tuple[Curve, int, Array]] = []
+    for first, last, direction in parts:
+        order = slice(first, last + 1)
+        curve = smooth_curve(_distinct(xy[order]), path, is_closed=is_closed)
         if headings is not None:
-            _check_heading(xy[first : last + 1], headings[first : last + 1], curve, direction)
-    bounds = [_bound(xy, speeds, part, curve, params.speed) for part, curve in zip(parts, curves, strict=True)]
-    found = _join(curves, [direction for _, _, direction in parts], bounds, params, is_closed)
-    return replace(found, map_id=map_id).at_cruise(params.speed.cruise)
+            _check_heading(xy[order], headings[order], curve, direction)
+        pieces.append((curve, direction, _bound(xy[order], speeds[order], curve, params.speed)))
+    return replace(_join(pieces, params, is_closed), map_id=map_id).at_cruise(params.speed.cruise)
 
 
 def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
@@ -162,12 +163,11 @@ def _share(xy: Array) -> Array:
     return way / max(way[-1], 1e-9)
 
 
-def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, driving: SpeedParams) -> Array:
+def _bound(xy: Array, speeds: Array, curve: Curve, driving: SpeedParams) -> Array:
     """Return the largest speed (M,) at the points of the curve by the given speeds; infinite where unknown."""
     if not driving.is_as_taught:
         return np.full(len(curve.way), np.inf)
-    order = slice(part[0], part[1] + 1)
-    found = speeds_along(xy[order], speeds[order], curve.way)
+    found = speeds_along(xy, speeds, curve.way)
     return np.nan_to_num(np.maximum(found, MIN_TAUGHT), nan=np.inf)
 
 
@@ -179,19 +179,14 @@ def speeds_along(xy: Array, speeds: Array, way: Array) -> Array:
     return np.interp(way, _share(xy)[known] * way[-1], speeds[known])
 
 
-def _join(
-    curves: list[Curve],
-    directions: list[int],
-    bounds: list[Array],
-    params: FollowerParams,
-    is_closed: bool,
-) -> ReferencePath:
+def _join(pieces: list[tuple[Curve, int, Array]], params: FollowerParams, is_closed: bool) -> ReferencePath:
+    """Return the trajectory of curves with their directions and largest speeds (M,)."""
     vehicle = params.vehicle
     unhurried = replace(params.speed, cruise=vehicle.max_speed)
     segments: list[Segment] = []
     columns: list[tuple[Array, ...]] = []
     begin, start = 0, 0.0
-    for curve, direction, bound in zip(curves, directions, bounds, strict=True):
+    for curve, direction, bound in pieces:
         segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
         limits = np.minimum(bound, speed_limits(curve.way, curve.bend, unhurried, vehicle))
         speed = direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed)

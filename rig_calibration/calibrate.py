@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.assembly import Sighting, board_turns
+from rig_calibration.boards.assembly import Sighting, StartingPoint, board_turns, start_of_rig
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.checks import check_views, disagreements
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
-from rig_calibration.boards.quality import quality_warnings
+from rig_calibration.boards.quality import disagreements, quality_warnings
 from rig_calibration.boards.rejection import adjust
-from rig_calibration.boards.starting import StartingPoint, camera_observations, start_of_rig
 from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, validate
-from rig_calibration.boards.views import BoardView
-from rig_calibration.constants import MIN_SEEN
+from rig_calibration.boards.views import BoardView, camera_observations
+from rig_calibration.constants import MIN_SEEN, MIN_VIEWS
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
@@ -96,6 +95,26 @@ def calibrate(
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 
+def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView]) -> None:
+    """Raise ValueError where no board was found at all, or too rarely by one camera."""
+    sizes = ", ".join(f"{board.columns}x{board.rows} {board.kind}" for board in boards)
+    hint = "a board is counted in inner corners, one less than squares"
+    if not views:
+        raise ValueError(f"boards: expected a {sizes} in some images, found none in any of them; {hint}")
+    count = Counter(view.camera for view in views if len(view.corners) >= MIN_SEEN)
+    for name in cameras:
+        if not count[name]:
+            raise ValueError(f"camera {name}: expected a {sizes} in some of its images, found none")
+        if count[name] < MIN_VIEWS:
+            raise ValueError(
+                f"camera {name}: expected a board in at least {MIN_VIEWS} of its images, found {count[name]}"
+            )
+    known = {board.name for board in boards}
+    for view in views:
+        if view.board not in known or len(view.corners) != len(view.pixels) or not np.all(np.isfinite(view.pixels)):
+            raise ValueError(f"view {view.label}: expected finite corners of a known board")
+
+
 def _each_camera(
     specs: Sequence[CameraSpec],
     boards: Sequence[Board],
@@ -103,7 +122,7 @@ def _each_camera(
     progress: Progress,
 ) -> tuple[list[SingleCamera], list[Sighting], dict[str, str]]:
     """Calibrate every camera by itself; return the views that fit, and why the others do not."""
-    by_name, order = {board.name: board for board in boards}, [board.name for board in boards]
+    by_name = {board.name: board for board in boards}
     turns = {board.name: board_turns(board).inverse() for board in boards}
     singles, good, dropped = [], [], {}
     for camera, spec in enumerate(specs):
@@ -117,7 +136,7 @@ def _each_camera(
         for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
             if np.any(weight > 0):
                 T = single.T_camera_board[index] @ turns[view.board]
-                good.append(Sighting(camera, view.instant, order.index(view.board), T, view, weight))
+                good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")
     return singles, good, dropped

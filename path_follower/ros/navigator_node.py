@@ -62,7 +62,7 @@ class RouteNavigator(ManagedNode):
         self.state_file = self.folder / "mission.json"
         self.goals: list[tuple[ActionGoal, Any]] = []  # those of the mission, each with what makes its result
         self.said: tuple[Any, ...] = ()
-        self.said_at, self.kept = -1e9, ""
+        self.said_at, self.kept, self.result = -1e9, "", ""
         self._restore()
         self.shown = self.add_publisher("~/network", String, qos.LATCHED)
         self.status = self.add_publisher("~/status", NavigatorStatus, qos.LATCHED)
@@ -118,7 +118,7 @@ class RouteNavigator(ManagedNode):
 
     def on_call(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause or resume."""
-        response.message = {"pause": self.mission.pause, "resume": self.mission.resume}[name](self.now())
+        response.message = getattr(self.mission, name)(self.now())
         response.success = not response.message
         if name == "pause":
             self.go_on()
@@ -153,7 +153,7 @@ class RouteNavigator(ManagedNode):
 
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
-        self.finish_goals(False, "replaced by a new goal")
+        self.finish_goals(False, "replaced by a new goal", self.mission.driven + self.mission.progress)
         self.mission.begin(read(goal.request), self.now())
         self.goals.append((goal, result))
         self.tell()
@@ -190,12 +190,11 @@ class RouteNavigator(ManagedNode):
             result.error_msg = reason
         return result
 
-    def finish_goals(self, success: bool, reason: str, distance: float | None = None) -> None:
-        """End the goals of the mission."""
-        driven = self.mission.driven + self.mission.progress if distance is None else distance
+    def finish_goals(self, success: bool, reason: str, distance: float) -> None:
+        """End the goals of the mission, which has driven this far in m."""
         while self.goals:
             goal, result = self.goals.pop()
-            goal.finish(result(success, reason, driven), success=success)
+            goal.finish(result(success, reason, distance), success=success)
 
     # --- what goes out
     def on_tick(self) -> None:
@@ -240,7 +239,7 @@ class RouteNavigator(ManagedNode):
         """Return how the mission goes."""
         mission = self.mission
         return Navigate.Feedback(
-            edge="" if mission.leg is None else str(mission.leg.edge),
+            edge=next((str(leg.edge) for leg in mission.legs_ahead), ""),
             next_place=mission.next_place,
             distance_remaining=mission.distance_remaining,
             time_remaining=mission.time_remaining,
@@ -271,11 +270,9 @@ class RouteNavigator(ManagedNode):
 
     # --- over a restart
     def _restore(self) -> None:
-        self.result = ""
-        if not self.state_file.exists():
-            return
         try:
-            read_mission(self.state_file, self.mission, self.now())
+            if self.state_file.exists():
+                read_mission(self.state_file, self.mission, self.now())
         except ValueError as error:
             self.log.warning(f"no mission is taken over: {one_line(error)}")
 

@@ -32,7 +32,7 @@ from path_follower.routes.constants import (
     STUB,
     TURN_SCALE,
 )
-from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
+from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array, Flags
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
@@ -95,51 +95,47 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    pieces: dict[int, _Run] = {}
-    ends = {}
+    known, pieces = len(strands), list[_Run]()
     for index, run in enumerate(runs):
         if run.on == OWN:
-            (first, before), (last, after) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
-            pieces[index], ends[index] = _Run(len(strands), first, np.arange(last - first + 1)), (before, after)
+            (first, begin), (last, end) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
+            pieces.append(_Run(len(strands), first, np.arange(last - first + 1)))
             ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
-            strands.append(_Strand(drive.curve.between(first, last), ways))
+            strands.append(_Strand(drive.curve.between(first, last), ways, begin, end))
     shared = [run for run in runs if run.on != OWN]
-    parts = list(pieces.values()), shared
-    for index, piece in pieces.items():
-        strand, (before, after) = strands[piece.on], ends[index]
-        strand.begin = None if before is None else _resolve(*parts, runs[index - 1].on, before)
-        strand.end = None if after is None else _resolve(*parts, runs[index + 1].on, after)
+    for strand in strands[known:]:
+        strand.begin, strand.end = (at and _resolve(pieces, shared, at) for at in (strand.begin, strand.end))
         for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
             if anchor is not None:
                 _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
                 strands[anchor.strand].cuts.add(anchor.at)
     for run in shared:
         for point, at in enumerate(run.at.tolist(), run.first):
-            anchor = _resolve(*parts, run.on, at)
+            anchor = _resolve(pieces, shared, _Anchor(run.on, at))
             strand = strands[anchor.strand]
             strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
             strand.ways[int(drive.direction < 0), anchor.at] = True
 
 
-def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], on: int, at: int) -> _Anchor:
+def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], met: _Anchor) -> _Anchor:
     """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
+    on, at = met
     if on != HERE:
-        return _Anchor(on, at)
+        return met
     inside = [part for part in (*pieces, *shared) if part.first <= at <= part.last]
     (part, *_) = inside or sorted(pieces or shared, key=lambda part: max(part.first - at, at - part.last))
-    return _resolve(pieces, shared, part.on, int(part.at[min(max(at - part.first, 0), part.count - 1)]))
+    there = int(part.at[min(max(at - part.first, 0), part.count - 1)])
+    return _resolve(pieces, shared, _Anchor(part.on, there))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
     """Return runs of points that lie alongside the same curve; one that is followed is kept as long as it is near."""
-    found = [_alongside(strand.curve, curve) for strand in strands]
-    own = _alongside_itself(curve)
+    found = {k: _alongside(strand.curve, curve) for k, strand in enumerate(strands)}
+    found[HERE] = _alongside_itself(curve)
     runs: list[_Run] = []
     on = OWN
     for point in range(len(curve)):
-        near = {k: (off[point], at[point]) for k, (off, at) in enumerate(found) if at[point] >= 0}
-        if own[1][point] >= 0:
-            near[HERE] = (own[0][point], own[1][point])
+        near = {k: (off[point], at[point]) for k, (off, at) in found.items() if at[point] >= 0}
         last = int(runs[-1].at[-1]) if runs else -1
         if on != OWN and (ahead := _ahead(curve if on == HERE else strands[on].curve, curve, point, last)) >= 0:
             near[on] = (0.0, ahead)
@@ -172,17 +168,22 @@ def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
 
 
 def _nearest(known: Array, features: Array) -> Indices:
-    """Return which of known features (N, 4) is the nearest to each of others (M, 4); -1: none may be on its lane."""
-    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
+    """Return which of known features (N, 4) is the nearest to each of others (M, 4); any where none is near."""
+    reach = math.hypot(LANE, TURN_SCALE * SAME_HEADING)
     _, at = cKDTree(known).query(features, distance_upper_bound=reach)
-    return np.where(at < len(known), at, -1).astype(np.intp)
+    return np.minimum(at, len(known) - 1)
 
 
 def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
-    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = turned_by(there.yaw[at], curve.yaw[points])
-    is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
+    off, turned = _apart(there, curve, at, points)
+    is_near = (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
+
+
+def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
+    """Return m and rad between points of two curves."""
+    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
+    return off, turned_by(there.yaw[at], curve.yaw[points])
 
 
 def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
@@ -198,17 +199,8 @@ def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
 
 def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> list[_Run]:
     """Close gaps between runs along the same curve, drop short ones, join neighbours."""
-    closed: list[_Run] = []
-    for number, run in enumerate(runs):
-        after = runs[number + 1] if number + 1 < len(runs) else None
-        before = closed[-1] if closed else None
-        if run.on == OWN and before is not None and after is not None and before.on == after.on != OWN:
-            gone = int(after.at[0]) - int(before.at[-1])
-            if run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
-                run = replace(
-                    run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp)
-                )
-        closed.append(run)
+    inner = (_without_gap(*three) for three in zip(runs, runs[1:], runs[2:], strict=False))
+    closed = [*runs[:1], *inner, *runs[1:][-1:]]
     kept = [
         replace(run, on=OWN)
         if run.on != OWN and run.count < MIN_SHARED / SPACING and run.first > 0 and run.last < len(curve) - 1
@@ -222,6 +214,16 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
     return _with_changes(strands, whole)
 
 
+def _without_gap(before: _Run, run: _Run, after: _Run) -> _Run:
+    """Return a short run of its own as one along the curve that it leaves and comes back to."""
+    gone = int(after.at[0]) - int(before.at[-1])
+    is_gap = run.on == OWN and before.on == after.on != OWN
+    if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
+        between_them = np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1]
+        return _Run(before.on, run.first, between_them.astype(np.intp))
+    return run
+
+
 def _with(run: _Run, following: _Run) -> _Run:
     return replace(run, at=np.concatenate([run.at, following.at]))
 
@@ -229,11 +231,10 @@ def _with(run: _Run, following: _Run) -> _Run:
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
     joined: list[_Run] = []
     for run in runs:
-        last = joined[-1] if joined else None
-        if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
-            joined[-1] = _with(last, run)
-        else:
-            joined.append(run)
+        last = joined[-1] if joined else run
+        if joined and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
+            run = _with(joined.pop(), run)
+        joined.append(run)
     return joined
 
 
@@ -242,8 +243,8 @@ def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
     half = round(MIN_SHARED / SPACING)
     result: list[_Run] = []
     for run in runs:
-        last = result[-1] if result else None
-        if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
+        last = result[-1] if result else run
+        if result and OWN not in (last.on, run.on) and not _are_connected(strands, last, run):
             before, after = min(half, last.count - 1), min(half, run.count - 1)
             result[-1] = replace(last, at=last.at[: last.count - before])
             result.append(_Run(OWN, last.last + 1 - before, np.full(before + after, -1, dtype=np.intp)))
@@ -266,7 +267,7 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 # --- branches
 def _anchor(
     strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int, side: int
-) -> tuple[int, int | None]:
+) -> tuple[int, _Anchor | None]:
     """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
     run, near = runs[index], index + side
     if run.on != OWN or not 0 <= near < len(runs):
@@ -281,18 +282,17 @@ def _anchor(
 
 def _best(
     strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: Indices, *, is_late: bool
-) -> tuple[int, int]:
+) -> tuple[int, _Anchor]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + offsets, run.at[offsets]
-    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = turned_by(there.yaw[at], curve.yaw[points])
+    off, turned = _apart(there, curve, at, points)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
     near = np.flatnonzero(cost <= cost.min() + ALIKE)
     best = int(near[-1] if is_late else near[0])
     found = int(at[best])
     end = 0 if found <= SNAP else len(there) - 1 if found >= len(there) - 1 - SNAP and run.on != HERE else found
-    return int(points[best]), end
+    return int(points[best]), _Anchor(run.on, end)
 
 
 def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
@@ -313,9 +313,9 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     along = ahead * _fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
     x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)
     y = curve.y + shift * np.cos(curve.yaw) + along * np.sin(curve.yaw)
-    faded = way < span
-    turned = headings(x, y, target.yaw if is_begin else None, None if is_begin else target.yaw)
-    turned = np.where(faded, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
+    turned = np.arctan2(np.gradient(y), np.gradient(x))
+    turned[here] = target.yaw
+    turned = np.where(way < span, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
     strand.curve = EdgeCurve(x, y, np.unwrap(turned), curve.speed)
 
 
@@ -342,7 +342,7 @@ def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
             may = strand.ways[:, (first + last) // 2].tolist()
             edges[len(edges)] = RouteEdge(len(edges), *ends, strand.curve.between(first, last), *may)
     home = node(_Anchor(0, 0))
-    nodes = {number: Node(number, strands[at.strand].curve.point(at.at)) for at, number in numbers.items()}
+    nodes = {number: strands[at.strand].curve.point(at.at) for at, number in numbers.items()}
     return _renumbered(_dissolved(Network(nodes, edges, {"home": home}, map_id)))
 
 
@@ -357,7 +357,8 @@ def _dissolved(network: Network) -> Network:
         a, b = before[0], after[0]
         if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
             continue
-        edges[a.id] = replace(a, end=b.end, curve=join_curves([a.curve, b.curve]))
+        x, y, yaw, speed = np.concatenate([a.curve.columns, b.curve.columns[:, 1:]], axis=1)
+        edges[a.id] = replace(a, end=b.end, curve=EdgeCurve(x, y, np.unwrap(yaw), speed))
         del edges[b.id], nodes[number]
     return replace(network, nodes=nodes, edges=edges)
 
@@ -365,7 +366,7 @@ def _dissolved(network: Network) -> Network:
 def _renumbered(network: Network) -> Network:
     """Number nodes, then edges, from 1: no number stands for both, as Nav2's Route Server wants it."""
     names = {old: new for new, old in enumerate(network.nodes, 1)}
-    nodes = {names[node.id]: replace(node, id=names[node.id]) for node in network.nodes.values()}
+    nodes = {names[node]: pose for node, pose in network.nodes.items()}
     edges = {
         number: replace(edge, id=number, start=names[edge.start], end=names[edge.end])
         for number, edge in enumerate(network.edges.values(), len(names) + 1)

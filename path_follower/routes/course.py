@@ -30,7 +30,8 @@ from sphere_nav.geometry.arrays import Array, arc_lengths
 class Course:
     """Points (N,) in order of driving. They begin `lead` m behind a vehicle that joins.
 
-    By joining the first leg is longer than on the network by `change` m.
+    By joining the first leg is longer than on the network by `change` m. All takes `seconds`; of the legs each round
+    at the end has `round_legs`.
     """
 
     x: Array
@@ -40,6 +41,8 @@ class Course:
     legs: tuple[Leg, ...]
     change: float = 0.0
     lead: float = 0.0
+    seconds: float = 0.0
+    round_legs: int = 0
 
     @cached_property
     def ends(self) -> Array:
@@ -49,11 +52,15 @@ class Course:
     @property
     def length(self) -> float:
         """Way in m."""
-        return float(self.ends[-1])
+        return float(self.ends[-1]) if self.legs else 0.0
 
     def leg_at(self, way: float) -> int:
         """Return which leg a vehicle is on that has driven this far."""
         return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
+
+
+NONE: Array = np.array(())
+NO_COURSE = Course(NONE, NONE, NONE, NONE, ())
 
 
 def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:
@@ -81,11 +88,11 @@ def _joined(
     table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
 ) -> tuple[Array, float, float]:
     """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
-    base = arc_lengths(table[:, :2])
-    curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
+    base, (x, y, yaw, driven) = arc_lengths(table[:, :2]), table.T
+    curve = EdgeCurve(x, y, np.unwrap(yaw), driven)
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + SPACING / 2]
-    speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
+    speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, driven)
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
     change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
     behind = _behind(poses, direction)

@@ -24,11 +24,9 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
         path = make_path(given.points, given.yaw, given.speed, params)
     taught = np.full(len(given.points), np.nan) if given.speed is None else given.speed
     speed = speeds_along(given.points, taught, path.arc_length)
-    drives = []
+    columns, drives = np.stack([path.x, path.y, path.yaw, speed]), []
     for part in path.segments:
-        order = slice(part.first, part.last + 1)
-        rows = np.stack([path.x, path.y, path.yaw, speed], axis=-1)[order][:: part.direction]
-        x, y, yaw, own = rows.T
+        x, y, yaw, own = columns[:, part.first : part.last + 1][:, :: part.direction]
         for direction in (part.direction, -part.direction) if is_reversible else (part.direction,):
             drives.append(TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), own), direction))
     return drives, given.map_id

@@ -12,10 +12,9 @@ permission has ended, because anybody has stopped or paused the vehicle or loade
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from path_follower.modes import BRAKING, WITHDRAWN, FollowerState
 from path_follower.params import TurningParams
@@ -32,7 +31,7 @@ from path_follower.routes.constants import (
     SMOOTHED,
     STEADY,
 )
-from path_follower.routes.course import Course, make_course
+from path_follower.routes.course import NO_COURSE, Course, make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.params import MissionParams
 from path_follower.routes.planning import Leg, plan, with_laps
@@ -81,13 +80,16 @@ class Request:
 class FollowerView:
     """What the follower says of itself, m and s."""
 
-    state: str
-    permission: int
+    state: str = ""
+    permission: int = -1
     reason: str = ""
     remedy: str = ""
     progress: float = 0.0
     distance_to_end: float = 0.0
     at: float = 0.0
+
+
+UNHEARD = FollowerView(at=-math.inf)  # nothing, or nothing that still holds
 
 
 @dataclass(frozen=True)
@@ -127,18 +129,15 @@ class Mission:
         self.outcome: Outcome | None = None  # of a mission that has ended; whoever tells it takes it away
         self.closed: set[int] = set()
         self.blocked: dict[int, float] = {}  # edges with an obstacle, and until when they count as closed
-        self.view: FollowerView | None = None
-        self.course: Course | None = None
+        self.view, self.course = UNHEARD, NO_COURSE
         self.pose: tuple[Pose2, float] | None = None
-        self.localizer: tuple[str, float] | None = None
+        self.localizer = "", -math.inf
         self.laps_left, self.driven, self.progress = 0, 0.0, 0.0
         self.permission = 0  # under which it asks
-        self._heard: tuple[int, float] | None = None  # the newest permission that the follower has told, and when
-        self._seconds = 0.0  # that the whole way takes
-        self._round_legs = 0  # legs of a round
+        self._heard = 0, -math.inf  # the newest permission that the follower has told, and when
         self._pending: tuple[Request, float] | None = None
         self._ending: str | None = None  # why the mission ends once the vehicle stands
-        self._loaded: Course | None = None  # the last that the follower was given
+        self._loaded = NO_COURSE  # the last that the follower was given
         self._is_restored = self._is_paused = False
         self._since = self._retry_at = self._asked_at = 0.0
         self._steady_since: float | None = None
@@ -155,26 +154,21 @@ class Mission:
 
     def see_follower(self, view: FollowerView) -> None:
         """Take what the follower says; what was on its way while a request was answered is no news."""
-        if self._heard is not None and view.permission < self._heard[0] and view.at - self._heard[1] < LATE:
+        newest, heard_at = self._heard
+        if view.permission < newest and view.at - heard_at < LATE:
             return
         self.view, self._heard = view, (view.permission, view.at)
-        if self.state is not MissionState.STARTING and (way := self._way_of(view)) is not None:
+        if self.state is not MissionState.STARTING and (way := self._way_on(self.course)) is not None:
             self.progress = max(self.progress, way)
 
     def _has_heard(self, now: float) -> bool:
-        return self._heard is not None and now - self._heard[1] <= MAX_SILENCE
+        return now - self._heard[1] <= MAX_SILENCE
 
-    def _way_of(self, view: FollowerView, course: Course | None = None) -> float | None:
-        """Return how far the follower is on a course in m, which it has smoothed; None: it has another path.
-
-        The course is that of the mission, if no other is named.
-        """
-        course = self.course if course is None else course
-        total = view.progress + view.distance_to_end
-        length, lead = (course.length, course.lead) if course is not None else (0.0, 0.0)
-        whole = length + lead
-        is_ours = length > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
-        return max(view.progress * whole / total - lead, 0.0) if is_ours and total > 0.0 else None
+    def _way_on(self, course: Course) -> float | None:
+        """Return how far the follower is on a course in m, which it has smoothed; None: it has another path."""
+        total, whole = self.view.progress + self.view.distance_to_end, course.length + course.lead
+        is_its = course.length > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
+        return max(self.view.progress * whole / total - course.lead, 0.0) if is_its and total > 0.0 else None
 
     def answer(self, request: Request, failure: str, permission: int, now: float) -> None:
         """Take the answer to a request, empty: it was done, and its permission is `permission` now.
@@ -187,14 +181,14 @@ class Mission:
         if failure:
             self._refused(request, failure, now)
             return
-        self.view = None  # what it said before
-        self._heard = (max(permission, self._heard[0] if self._heard else 0), now)
+        self.view = UNHEARD  # but for what it said before
+        self._heard = max(permission, self._heard[0]), now
         if self.permission == request.permission:
             self.permission = permission
         if request.name == "clear":
             self._conclude(False, self._ending or "", now)
         elif request.name == "load":
-            self._loaded = request.course
+            self._loaded = request.course or NO_COURSE
         elif request.name == "pause":
             self._is_paused = True
         elif request.name in ("start", "resume") and self.state in (MissionState.STARTING, MissionState.WAITING):
@@ -214,13 +208,13 @@ class Mission:
         self._permit()
         self.goal, self.laps_left, self.driven, self.outcome = goal, goal.laps, 0.0, None
         self._retry_at = 0.0
-        self.course, self.progress, self._round_legs = None, 0.0, 0
+        self.course, self.progress = NO_COURSE, 0.0
         self._obstacle, self._ending, self._is_restored = None, None, False
         self._go(MissionState.STOPPING if is_under_way else MissionState.WAITING, now)
 
     def _permit(self) -> None:
         """Take over the permission in force: an operator has just asked for motion."""
-        self.permission = self._heard[0] if self._heard is not None else 0
+        self.permission = self._heard[0]
 
     def cancel(self, why: str, now: float) -> None:
         """End the mission once the vehicle stands."""
@@ -245,22 +239,22 @@ class Mission:
             return f"nothing to resume: {self.state}"
         if not self._has_heard(now):
             return SILENT
-        is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
         self._is_restored = False
         self._permit()
+        is_paused = self.view.state == FollowerState.PAUSED
         self._go(MissionState.STARTING if is_paused else MissionState.STOPPING, now)
         return ""
 
     def close(self, name: str, is_closed: bool, now: float) -> None:
         """Close an edge, or open it; a mission that would come to it takes another way. ValueError: unknown edge."""
-        edge = int(name.lstrip("-")) if name.lstrip("-").isdigit() else -1
-        if edge not in self.network.edges:
-            raise ValueError(f"edge: expected one of {', '.join(map(str, self.network.edges))}, found {name!r}")
+        edges = {str(edge): edge for edge in self.network.edges}
+        if name.lstrip("-") not in edges:
+            raise ValueError(f"edge: expected one of {', '.join(edges)}, found {name!r}")
+        edge = edges[name.lstrip("-")]
         self.blocked.pop(edge, None)
         (self.closed.add if is_closed else self.closed.discard)(edge)
-        ahead = self.course.legs[self.course.leg_at(self.progress) :] if self.course else ()
         is_driven = self.state in (MissionState.DRIVING, MissionState.STARTING)
-        if is_closed and is_driven and edge in {leg.edge for leg in ahead}:
+        if is_closed and is_driven and edge in {leg.edge for leg in self.legs_ahead}:
             self._go(MissionState.STOPPING, now, f"edge {edge} was closed: another way is taken")
 
     # --- what to do
@@ -282,7 +276,7 @@ class Mission:
             MissionState.STAYING: self._stay,
             MissionState.HELD: self._hold,
         }
-        request = steps[self.state](now) if self.state in steps else None
+        request = steps[self.state](now)
         self._pending = (request, now) if request is not None else None
         return request
 
@@ -298,7 +292,7 @@ class Mission:
     def _watch_permission(self, now: float) -> None:
         """Hold the mission where its permission has ended; how, the follower says."""
         view = self.view
-        if view is None or view.permission <= self.permission or self._ending is not None or self._is_restored:
+        if view.permission <= self.permission or self._ending is not None or self._is_restored:
             return
         if view.state == FollowerState.PAUSED and self.state is not MissionState.PAUSED:
             self._go(MissionState.PAUSED, now, "path_follower was paused: call resume")
@@ -308,16 +302,15 @@ class Mission:
 
     def _hold(self, now: float) -> Request | None:
         """Stand; where somebody has started the follower on this way since, the mission goes on with that."""
-        view = self.view
-        is_started = view is not None and view.permission >= self.permission and view.state in ON_THE_MOVE
-        if is_started and view is not None and self._way_of(view) is not None:
+        is_started = self.view.permission >= self.permission and self.view.state in ON_THE_MOVE
+        if is_started and self._way_on(self.course) is not None:
             self._permit()
             self._go(MissionState.DRIVING, now)
         return None
 
     def _wait(self, now: float) -> Request | None:
         """Wait until nothing is lacking, or until what is in the way has gone; then plan."""
-        if self._is_restored and self.view is not None:
+        if self._is_restored and self.view is not UNHEARD:
             return self._adopt(now)
         if self._obstacle is not None:
             return self._at_obstacle(now)
@@ -341,31 +334,30 @@ class Mission:
 
     def _lacks(self, now: float) -> str:
         """Return what keeps a mission from starting, in one line."""
-        if self.localizer is None or now - self.localizer[1] > MAX_SILENCE:
+        state, told_at = self.localizer
+        if now - told_at > MAX_SILENCE:
             return "no status of the localiser: see that it runs"
-        if self.localizer[0] != State.TRACKING:
-            return f"the localiser is {self.localizer[0]}: wait for TRACKING, or call its relocalize"
+        if state != State.TRACKING:
+            return f"the localiser is {state}: wait for TRACKING, or call its relocalize"
         if self.pose is None or now - self.pose[1] > MAX_SILENCE:
             return "no pose: see the localiser and the topic of the pose"
-        if self.view is None or now - self.view.at > MAX_SILENCE:
+        if now - self.view.at > MAX_SILENCE:
             return SILENT
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
     def _start(self, now: float) -> Request | None:
-        return self._ask("resume" if self.view is not None and self.view.state == FollowerState.PAUSED else "start")
+        return self._ask("resume" if self.view.state == FollowerState.PAUSED else "start")
 
     def _ask(self, name: str, course: Course | None = None) -> Request:
         return Request(name, self.permission, course)
 
     def _drive(self, now: float) -> Request | None:
         view = self.view
-        if view is None or now - view.at > MAX_SILENCE:
+        if now - view.at > MAX_SILENCE:
             if now - self._since > MAX_SILENCE:
-                self.view = None  # what it said last holds no more
+                self.view = UNHEARD
                 self._go(MissionState.HELD, now, "no status of path_follower: see that it runs, then call resume")
-        elif (
-            view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
-        ):
+        elif view.state == FollowerState.FINISHED and self.progress > self.course.length - 1.0:
             self._arrive(now)
         elif view.state == FollowerState.STOPPED:
             self._stopped(view, now)
@@ -392,10 +384,10 @@ class Mission:
     def _at_obstacle(self, now: float) -> Request | None:
         """Try again and again; what stays closes the edge that it stands on."""
         since, at = self._obstacle or (now, 0.0)
-        if self.progress > at + ADVANCED or self.view is None or self.view.reason != StopReason.OBSTACLE:
+        if self.progress > at + ADVANCED or self.view.reason != StopReason.OBSTACLE:
             self._obstacle = None
             return None
-        if now - since > self.params.patience and self.course is not None:
+        if now - since > self.params.patience and self.course.legs:
             way = self.progress + self.vehicle.front + BEHIND_FRONT
             edge = self.course.legs[self.course.leg_at(way)].edge
             self.blocked[edge] = now + self.params.memory
@@ -416,10 +408,9 @@ class Mission:
 
     def _stand_still(self, now: float) -> Request | None:
         """Once the vehicle stands: end, and leave the follower without this way; or look for another one."""
-        view = self.view
-        if view is None or view.state in UNDER_WAY:
+        if self.view is UNHEARD or self.view.state in UNDER_WAY:
             return None
-        is_loaded = self._loaded is not None and self._way_of(view, self._loaded) is not None
+        is_loaded = self._way_on(self._loaded) is not None
         self._leave_course()
         if self._ending is None:
             self._go(MissionState.WAITING, now)
@@ -433,11 +424,11 @@ class Mission:
     def _leave_course(self) -> None:
         """Add what is driven of a course that is given up, way and laps; without one there is nothing to add."""
         self.laps_left = self._laps_to_go()
-        self.driven, self.course, self.progress = self.driven + self.progress, None, 0.0
+        self.driven, self.course, self.progress = self.driven + self.progress, NO_COURSE, 0.0
 
     def _stand(self, now: float) -> Request | None:
         """Have the follower paused; who starts it after that has asked for the mission to go on."""
-        if self._is_paused or (self.view is not None and self.view.state == FollowerState.PAUSED):
+        if self._is_paused or self.view.state == FollowerState.PAUSED:
             self._is_paused = True
             return self._hold(now)
         if now < self._asked_at + LATE:
@@ -451,8 +442,8 @@ class Mission:
         return None
 
     def _arrive(self, now: float) -> None:
-        self.driven += self.course.length if self.course is not None else 0.0
-        self.course, self.progress, self.laps_left = None, 0.0, 0
+        self.driven += self.course.length
+        self.course, self.progress, self.laps_left = NO_COURSE, 0.0, 0
         self._go(MissionState.STAYING, now)
         self._stay(now)
 
@@ -478,7 +469,7 @@ class Mission:
 
     def _conclude(self, success: bool, reason: str, now: float) -> None:
         self.outcome = Outcome(success, reason, self.driven + self.progress)
-        self.goal, self.course, self._ending, self.progress = None, None, None, 0.0
+        self.goal, self.course, self._ending, self.progress = None, NO_COURSE, None, 0.0
         self._go(MissionState.IDLE, now)
 
     def _go(self, state: MissionState, now: float, reason: str = "") -> None:
@@ -503,8 +494,8 @@ class Mission:
 
     def _plan(self, now: float) -> Course:
         """Return the way from where the vehicle is; ValueError with a name for what there is not."""
-        if self.goal is None or self.pose is None:
-            raise ValueError("no goal, or no pose")
+        assert self.goal is not None
+        assert self.pose is not None
         closed, cruise = self.closed_now(now), self.params.cruise
         starts = self.network.locate(self.pose[0], self.params.reach, MAX_TURN)
         if not starts:
@@ -520,41 +511,38 @@ class Mission:
                 starts = [spot for spot in starts if spot.edge != whole.legs[0].edge]
                 if not starts:
                     raise
-                continue
-            self._seconds = whole.seconds
-            self._round_legs = (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
-            return course
+            else:
+                round_legs = (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
+                return replace(course, seconds=whole.seconds, round_legs=round_legs)
 
     def _laps_to_go(self) -> int:
         """Return how many rounds are left after the goal has been reached once more."""
-        if self.course is None or not self._round_legs:
+        if not self.course.round_legs:
             return self.laps_left
-        after = len(self.course.legs) - 1 - self.course.leg_at(self.progress)
-        return min(after // self._round_legs, self.laps_left)
+        return min((len(self.legs_ahead) - 1) // self.course.round_legs, self.laps_left)
 
     # --- what is said
     @property
-    def leg(self) -> Leg | None:
-        """The leg that the vehicle is on."""
-        return None if self.course is None else self.course.legs[self.course.leg_at(self.progress)]
+    def legs_ahead(self) -> tuple[Leg, ...]:
+        """What is left of the way, from the leg on which the vehicle is."""
+        return self.course.legs[self.course.leg_at(self.progress) :]
 
     @property
     def distance_remaining(self) -> float:
         """Way left in m."""
-        return 0.0 if self.course is None else max(self.course.length - self.progress, 0.0)
+        return max(self.course.length - self.progress, 0.0)
 
     @property
     def time_remaining(self) -> float:
         """Driving left in s."""
-        whole = self.course.length if self.course is not None else 0.0
-        return self._seconds * self.distance_remaining / max(whole, 1e-9)
+        return self.course.seconds * self.distance_remaining / max(self.course.length, 1e-9)
 
     @property
     def next_place(self) -> str:
         """The next named place on the way."""
-        for leg in self.course.legs[self.course.leg_at(self.progress) :] if self.course is not None else ():
+        for leg in self.legs_ahead:
             edge = self.network.edges[leg.edge]
-            node = edge.end if leg.direction > 0 else edge.start
+            _, node = edge.ends(leg.direction)
             is_end = abs(leg.last - (edge.length if leg.direction > 0 else 0.0)) < 1e-6
             if is_end and (name := self.network.name_of(node)):
                 return name
@@ -563,9 +551,9 @@ class Mission:
     # --- over a restart
     def snapshot(self) -> MissionRecord:
         """Return what a mission needs to survive."""
-        course, state = self.course, (self.laps_left, self.driven, self._round_legs, self._seconds)
-        way = ((), 0.0, 0.0) if course is None else (course.legs, course.change, course.lead)
-        return MissionRecord(self.network.map_id, tuple(sorted(self.closed)), self.permission, self.goal, *state, *way)
+        course, closed = self.course, tuple(sorted(self.closed))
+        left = self.permission, self.goal, self.laps_left, self.driven, course.round_legs, course.seconds
+        return MissionRecord(self.network.map_id, closed, *left, course.legs, course.change, course.lead)
 
     def restore(self, record: MissionRecord, now: float) -> None:
         """Go on with a mission of before: driving where the follower still drives that way, else held."""
@@ -574,27 +562,22 @@ class Mission:
             return
         self.spots_of(record.goal)
         self.goal, self.laps_left, self.driven = record.goal, record.laps_left, record.driven
-        self.permission, self._round_legs, self._seconds = record.permission, record.round_legs, record.seconds
+        self.permission = record.permission
         if record.legs and all(leg.edge in self.network.edges for leg in record.legs):
-            none = np.empty(0)
-            self.course = self._loaded = Course(*4 * (none,), record.legs, record.change, record.lead)
+            kept = {name: getattr(record, name) for name in ("legs", "change", "lead", "seconds", "round_legs")}
+            self.course = self._loaded = replace(NO_COURSE, **kept)
         self._is_restored = True
         self._go(MissionState.WAITING, now, "the navigator began anew")
 
     def _adopt(self, now: float) -> Request | None:
         """Decide by what the follower does."""
         self._is_restored = False
-        view = self.view
-        way = self._way_of(view) if view is not None else None
-        is_permitted = view is not None and view.permission == self.permission and view.state in UNDER_WAY
-        if way is not None and view is not None and is_permitted:
+        view, way = self.view, self._way_on(self.course)
+        if way is not None and view.permission == self.permission and view.state in UNDER_WAY:
             self.progress = way
             self._go(MissionState.PAUSED if view.state == FollowerState.PAUSED else MissionState.DRIVING, now)
         else:
-            self.course = None
-            self._go(
-                MissionState.HELD,
-                now,
-                "the navigator began anew, and the vehicle stands or was stopped since: call resume",
-            )
+            self.course = NO_COURSE
+            why = "the navigator began anew, and the vehicle stands or was stopped since: call resume"
+            self._go(MissionState.HELD, now, why)
         return None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from path_follower.path import Pose2, between, turned_by, wrap
+from path_follower.path import Pose2, between, turned_by
 from path_follower.routes.constants import MAX_NAME
 from sphere_nav.geometry.arrays import Array, arc_lengths
 
@@ -66,14 +66,6 @@ class EdgeCurve:
         return EdgeCurve(*self.columns[:, first : last + 1].copy())
 
 
-@dataclass(frozen=True)
-class Node:
-    """A pose where edges begin and end; all of them head as it does."""
-
-    id: int
-    pose: Pose2
-
-
 @dataclass(frozen=True, eq=False)
 class RouteEdge:
     """A curve from one node to another, and how it may be driven."""
@@ -89,6 +81,10 @@ class RouteEdge:
     def length(self) -> float:
         """Length in m."""
         return self.curve.length
+
+    def ends(self, direction: int) -> tuple[int, int]:
+        """Return the nodes where it begins and ends, driven forward (1) or backwards (-1)."""
+        return (self.start, self.end) if direction > 0 else (self.end, self.start)
 
     def seconds(self, cruise: float) -> float:
         """Return how long it takes at the taught speeds, at most `cruise` m/s."""
@@ -108,9 +104,9 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Nodes, edges and places of one map."""
+    """Nodes, edges and places of one map. A node is the pose at which edges begin and end; all head as it does."""
 
-    nodes: Mapping[int, Node]
+    nodes: Mapping[int, Pose2]
     edges: Mapping[int, RouteEdge]
     places: Mapping[str, int] = field(default_factory=dict)  # node by name
     map_id: str = ""
@@ -156,7 +152,7 @@ class Network:
         new = max(*self.nodes, *self.edges) + 1
         before = replace(edge, end=new, curve=edge.curve.part(0.0, spot.s))
         after = replace(edge, id=new + 1, start=new, curve=edge.curve.part(spot.s, edge.length))
-        nodes = {**self.nodes, new: Node(new, edge.curve.pose(spot.s))}
+        nodes = {**self.nodes, new: edge.curve.pose(spot.s)}
         edges = {**self.edges, edge.id: before, after.id: after}
         return replace(self, nodes=nodes, edges=edges, places={**self.places, name: new})
 
@@ -173,23 +169,6 @@ def _foot(edge: RouteEdge, pose: Pose2, reach: float, max_turn: float) -> Spot |
     foot = float(curve.arc[best]) + step.x
     s = min(max(foot, 0.0), edge.length)
     return None if math.hypot(step.y, foot - s) > reach else Spot(edge.id, s, step.y, step.yaw)
-
-
-def headings(x: Array, y: Array, first: float | None = None, last: float | None = None) -> Array:
-    """Return the unwrapped heading (N,) along points, given at the ends where it is known."""
-    yaw: Array = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
-    if first is not None:
-        yaw[0] = yaw[1] + wrap(first - float(yaw[1]))
-    if last is not None:
-        yaw[-1] = yaw[-2] + wrap(last - float(yaw[-2]))
-    return yaw
-
-
-def join_curves(curves: Iterable[EdgeCurve]) -> EdgeCurve:
-    """Return one curve of several, each of which begins where the last one ends."""
-    parts = [curve.columns[:, number > 0 :] for number, curve in enumerate(curves)]
-    x, y, yaw, speed = np.concatenate(parts, axis=1)
-    return EdgeCurve(x, y, np.unwrap(yaw), speed)
 
 
 Indices = NDArray[np.intp]

@@ -19,7 +19,7 @@ import numpy as np
 
 from path_follower.path import Pose2, between
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
-from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
+from path_follower.routes.network import EdgeCurve, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, numbers, read_as, read_text, required, short
@@ -50,21 +50,21 @@ def to_geojson(network: Network, *, is_dense: bool = True) -> str:
     """Return the text of the file; without the dense curves a quarter as long, to be shown."""
     reach = max([*network.nodes, *network.edges], default=0)
     twins = [edge for edge in network.edges.values() if edge.is_reverse and edge.is_forward]
-    features = [_node_feature(network, node) for node in network.nodes.values()]
+    features = [_node_feature(network, *node) for node in network.nodes.items()]
     features += [_edge_feature(edge) for edge in network.edges.values()]
     for feature in features if not is_dense else ():
         feature["properties"].pop("curve", None)
-    features += [_twin_feature(edge, reach + 1 + count) for count, edge in enumerate(twins)]
+    features += [_twin_feature(edge, number) for number, edge in enumerate(twins, reach + 1)]
     head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": network.frame}
     whole = {"type": "FeatureCollection", "name": "graph", "network": head, "features": features}
     return json.dumps(whole, allow_nan=False)
 
 
-def _node_feature(network: Network, node: Node) -> dict[str, Any]:
-    properties: dict[str, Any] = {"id": node.id, "frame": network.frame, "yaw": round(node.pose.yaw, 6)}
-    if names := [name for name, number in network.places.items() if number == node.id]:
+def _node_feature(network: Network, node: int, pose: Pose2) -> dict[str, Any]:
+    properties: dict[str, Any] = {"id": node, "frame": network.frame, "yaw": round(pose.yaw, 6)}
+    if names := [name for name, number in network.places.items() if number == node]:
         properties |= {"names": names, "metadata": {"name": names[0]}}
-    geometry = {"type": "Point", "coordinates": [round(node.pose.x, DECIMALS), round(node.pose.y, DECIMALS)]}
+    geometry = {"type": "Point", "coordinates": [round(pose.x, DECIMALS), round(pose.y, DECIMALS)]}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
@@ -75,7 +75,7 @@ def _edge_feature(edge: RouteEdge) -> dict[str, Any]:
     metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
     metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
     curve = {name: _column(values) for name, values in zip(COLUMNS, c.columns, strict=True)}
-    start, end = (edge.start, edge.end) if edge.is_forward else (edge.end, edge.start)
+    start, end = edge.ends(1 if edge.is_forward else -1)
     properties: dict[str, Any] = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
     properties |= {"overridable": True, "metadata": metadata, "curve": curve}
     points: list[list[Any]] = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
@@ -142,7 +142,7 @@ def from_geojson(text: str, where: str = "network") -> Network:
     features = whole["features"]
     if not isinstance(features, list) or len(features) > 2 * MAX_ITEMS:
         raise ValueError(f"{where}: features: expected a list of at most {2 * MAX_ITEMS}, found {short(features)}")
-    nodes: dict[int, Node] = {}
+    nodes: dict[int, Pose2] = {}
     edges: dict[int, RouteEdge] = {}
     places: dict[str, int] = {}
     for index, feature in enumerate(features):
@@ -156,7 +156,7 @@ def from_geojson(text: str, where: str = "network") -> Network:
         if required(geometry, f"{at}.geometry", ("type", "coordinates"))["type"] == "Point":
             node: _Node = read_as(_Node, fields, f"{at}.properties")
             x, y = numbers(geometry["coordinates"], f"{at}.geometry.coordinates", 2)
-            nodes[key] = Node(key, Pose2(x, y, node.yaw))
+            nodes[key] = Pose2(x, y, node.yaw)
             places |= dict.fromkeys(node.names, key)
         else:
             edges[key] = _read_edge(fields, key, f"{at}.properties")
@@ -188,7 +188,7 @@ def _check_ends(network: Network, where: str) -> None:
         for end, index in ((edge.start, 0), (edge.end, -1)):
             if end not in network.nodes:
                 raise ValueError(f"{where}: edge {edge.id}: expected nodes that exist, found {end}")
-            gap = math.hypot(*between(network.nodes[end].pose, edge.curve.point(index))[:2])
+            gap = math.hypot(*between(network.nodes[end], edge.curve.point(index))[:2])
             if gap > MAX_CURVE_GAP:
                 found = f"{gap:.3g} m off"
                 raise ValueError(f"{where}: edge {edge.id}: expected its curve to end at node {end}, found {found}")

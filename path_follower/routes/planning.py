@@ -105,10 +105,10 @@ def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) ->
     if not starts:
         raise ValueError("no way: expected a start on the network, found none")
     found = [
-        _rest(network.edges[spot.edge], direction, spot.s)
+        replace(leg, first=spot.s)
         for spot in starts
-        for direction in _directions(network.edges[spot.edge])
-        if spot.edge not in closed or direction < 0
+        for leg in _whole(network.edges[spot.edge])
+        if spot.edge not in closed or leg.direction < 0
     ]
     if not found:
         on = ", ".join(str(spot.edge) for spot in starts)
@@ -116,23 +116,18 @@ def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) ->
     return found
 
 
-def _rest(edge: RouteEdge, direction: int, first: float) -> Leg:
-    """Return the leg from a place to the end of an edge."""
-    return Leg(edge.id, direction, first, edge.length if direction > 0 else 0.0)
-
-
-def _directions(edge: RouteEdge) -> list[int]:
-    return [sign for sign, may in ((1, edge.is_forward), (-1, edge.is_reverse)) if may]
+def _whole(edge: RouteEdge) -> list[Leg]:
+    """Return the edge as it may be driven."""
+    forward, reverse = Leg(edge.id, 1, 0.0, edge.length), Leg(edge.id, -1, edge.length, 0.0)
+    return [leg for leg, may in ((forward, edge.is_forward), (reverse, edge.is_reverse)) if may]
 
 
 def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[Leg]:
     """Yield the whole directed edges that follow."""
-    edge = network.edges[leg.edge]
-    node = edge.end if leg.direction > 0 else edge.start
+    _, node = network.edges[leg.edge].ends(leg.direction)
     for other in network.edges.values():
-        for direction in _directions(other) if other.id not in closed else ():
-            if node == (other.start if direction > 0 else other.end):
-                yield _rest(other, direction, 0.0 if direction > 0 else other.length)
+        if other.id not in closed:
+            yield from (one for one in _whole(other) if other.ends(one.direction)[0] == node)
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:

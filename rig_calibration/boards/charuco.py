@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -11,21 +10,14 @@ from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
-from rig_calibration.constants import MIN_CORNERS
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Markers:
-    """Corners (M,) of (1, 4, 2) and numbers (M,) of all markers of one dictionary in an image."""
-
-    corners: tuple[Floats, ...]
-    numbers: NDArray[np.int32]
+from sphere_nav.geometry.files.untrusted import told_at
 
 
 def check(board: Board) -> None:
     """Raise ValueError where OpenCV has no such dictionary, or too few markers in it for the board."""
-    available = len(_dictionary(board.dictionary, board.name).bytesList)
+    with told_at(f"board {board.name!r}"):
+        available = len(_dictionary(board.dictionary).bytesList)
     last = board.first_marker + board.num_markers
     if last > available:
         raise ValueError(
@@ -34,32 +26,31 @@ def check(board: Board) -> None:
         )
 
 
-def find_markers(gray: Bytes, dictionary_name: str) -> Markers:
-    """Return the markers of a dictionary that an image (H, W) shows."""
+def find_markers(gray: Bytes, dictionary_name: str) -> tuple[NDArray[np.int32], Floats]:
+    """Return numbers (M,) and corners (M, 1, 4, 2) of the markers of a dictionary that an image (H, W) shows."""
     dictionary = _dictionary(dictionary_name)
     if _has_classes():
         corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(gray)
     else:
         corners, numbers, _ = cv2.aruco.detectMarkers(gray, dictionary)
     found = np.zeros(0, np.int32) if numbers is None else np.asarray(numbers, np.int32).ravel()
-    return Markers(tuple(np.asarray(item, np.float32).reshape(1, 4, 2) for item in corners), found)
+    return found, np.asarray(corners, np.float32).reshape(-1, 1, 4, 2)
 
 
-def find_corners(gray: Bytes, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
+def find_corners(gray: Bytes, board: Board, markers: tuple[NDArray[np.int32], Floats]) -> tuple[Indices, Array]:
     """Return numbers (n,) and pixels (n, 2) of the corners of a board whose markers were found."""
-    last = board.first_marker + board.num_markers
-    own = np.flatnonzero((markers.numbers >= board.first_marker) & (markers.numbers < last))
-    if len(own) < 2 or len(np.unique(markers.numbers[own])) < len(own):  # a marker twice: the board is, too
-        return None
-    corners, ids = [markers.corners[index] for index in own], markers.numbers[own].reshape(-1, 1)
+    number, _ = markers
+    own = (number >= board.first_marker) & (number < board.first_marker + board.num_markers)
+    ids, corners = (part[own] for part in markers)
+    if len(ids) < 2 or len(np.unique(ids)) < len(ids):  # a marker twice: the board is, too
+        return np.zeros(0, np.intp), np.zeros((0, 2))
     if _has_classes():
-        found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, corners, ids)
+        found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, list(corners), ids[:, None])
     else:
-        _, found, numbers = cv2.aruco.interpolateCornersCharuco(
-            corners, ids - board.first_marker, gray, _old_pattern(board)
-        )
-    if found is None or numbers is None or len(numbers) < MIN_CORNERS:
-        return None
+        ids = ids[:, None] - board.first_marker
+        _, found, numbers = cv2.aruco.interpolateCornersCharuco(list(corners), ids, gray, _old_pattern(board))
+    if found is None or numbers is None:
+        return np.zeros(0, np.intp), np.zeros((0, 2))
     return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 
@@ -67,11 +58,10 @@ def _has_classes() -> bool:
     return hasattr(cv2.aruco, "CharucoDetector")
 
 
-def _dictionary(name: str, board: str = "") -> Any:
+def _dictionary(name: str) -> Any:
     number = getattr(cv2.aruco, name, None)
     if not isinstance(number, int) or not name.startswith("DICT_"):
-        place = f"board {board!r}: " if board else ""
-        raise ValueError(f"{place}dictionary: expected a name such as DICT_4X4_250, found {name!r}")
+        raise ValueError(f"dictionary: expected a name such as DICT_4X4_250, found {name!r}")
     return cv2.aruco.getPredefinedDictionary(number)
 
 

@@ -65,8 +65,8 @@ def calibrate_camera(
     """Find lens and board poses from the views of one camera; ValueError where no start fits."""
     problem = rig_problem((model,), (size,), seen)
     center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-    lenses = [first_lens(model, ratio * size[0], center) for ratio in FOCAL_LENGTHS[model]]
-    lenses = lenses if start is None else [lens_of(start)]
+    lenses = [lens_of(start)] if start is not None else []
+    lenses = lenses or [first_lens(model, ratio * size[0], center) for ratio in FOCAL_LENGTHS[model]]
     states = [camera_state(lens, view_poses(camera_of(model, size, lens, NUM_DISTORTION), seen)) for lens in lenses]
     costs = [_misfit(residuals(problem, state)) for state in states]
     if not np.isfinite(min(costs)):

@@ -103,6 +103,6 @@ def _rotate_covariance(covariance: Array, R: Array) -> Array:
     is_open = np.isinf(np.diag(covariance))
     finite = np.where(np.isinf(covariance), 0.0, covariance)
     turned = both @ finite @ both.T
-    lost = (np.abs(both[:, is_open]) > 0.03).any(axis=1) if is_open.any() else np.zeros(6, dtype=bool)
+    lost = np.any(np.abs(both[:, is_open]) > 0.03, axis=1)
     turned[lost, lost] = np.inf
     return turned

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +28,17 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
         cameras[spec.name] = {
             "model": spec.model,
             "lens": [float(value) for value in calibration.state.lenses[index][:num_lens]],
-            "lens_std": _finite(calibration.spread.lens_std[index][:num_lens]),
+            "lens_std": [*map(_known, calibration.spread.lens_std[index][:num_lens])],
             "rms_px": float(rms[index]),
-            "held_out_rms_px": _finite(calibration.validation.held_out_px[index : index + 1])[0],
+            "held_out_rms_px": _known(calibration.validation.held_out_px[index]),
             "coverage_percent": float(covered[index]),
-            "blur_px": _finite([median_known([calibration.start.views[k].blur_px for k in own])])[0],
+            "blur_px": _known(median_known([calibration.start.views[k].blur_px for k in own])),
             "tilt_deg": tilt_deg(calibration.start.problem, calibration.state, own),
-            "halves_focal_percent": _finite(100.0 * calibration.validation.focal_halves[index : index + 1])[0],
-            "position_std_mm": _finite(1e3 * std[:3]),
-            "rotation_std_deg": _finite(np.degrees(std[3:])),
-            "halves_position_mm": _finite(1e3 * halves[:3]),
-            "halves_rotation_deg": _finite(np.degrees(halves[3:])),
+            "halves_focal_percent": _known(100.0 * calibration.validation.focal_halves[index]),
+            "position_std_mm": [*map(_known, 1e3 * std[:3])],
+            "rotation_std_deg": [*map(_known, np.degrees(std[3:]))],
+            "halves_position_mm": [*map(_known, 1e3 * halves[:3])],
+            "halves_rotation_deg": [*map(_known, np.degrees(halves[3:]))],
         }
     return {
         "cameras": cameras,
@@ -82,5 +81,5 @@ def draw_calibration(calibration: Calibration, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _finite(values: Iterable[float]) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -33,12 +33,12 @@ def validate(problem: AdjustmentProblem, state: RigState, kept: Array) -> Valida
     is_held = number % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     held_out = _hold_out(problem, state, kept, is_held)
     halves = [_part(problem, state, kept, number % 2 == half) for half in (0, 1)]
-    focal = [
-        [np.nan if half is None else problem.camera(half, i).pixels_per_radian for i in range(len(problem.models))]
-        for half in halves
-    ]
-    focal_halves = np.divide(focal[1], focal[0]) - 1.0
-    return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)), focal_halves)
+    states = [half for half in halves if half is not None]
+    if len(states) < 2:
+        unknown = np.full((len(problem.models), 6), np.nan)
+        return Validation(held_out, unknown, unknown[:, 0])
+    focal = [[problem.camera(half, i).pixels_per_radian for i in range(len(problem.models))] for half in states]
+    return Validation(held_out, _difference(*states), np.divide(focal[1], focal[0]) - 1.0)
 
 
 def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:
@@ -75,9 +75,7 @@ def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: Fla
     return solve(problem, state, weights).state
 
 
-def _difference(first: RigState | None, second: RigState | None, num_cameras: int) -> Array:
-    if first is None or second is None:
-        return np.full((num_cameras, 6), np.nan)
+def _difference(first: RigState, second: RigState) -> Array:
     moved = second.T_rig_camera.translation - first.T_rig_camera.translation
     turn = so3.log(second.T_rig_camera.rotation @ np.swapaxes(first.T_rig_camera.rotation, -1, -2))
     return np.concatenate([moved, turn], axis=-1)

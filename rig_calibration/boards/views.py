@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration.boards.board import Board
 from sphere_nav.geometry.arrays import Array
 
 Indices = NDArray[np.intp]
@@ -79,15 +80,13 @@ def observations(
     points: Sequence[Array],
     pixels: Sequence[Array],
 ) -> Observations:
-    """Stack views given by their indices, points (n, 3) and pixels (n, 2); sorted by camera they must come."""
-    cameras = np.asarray(camera, dtype=np.intp)
-    if np.any(np.diff(cameras) < 0):
-        raise ValueError("observations: expected views sorted by camera")
-    return Observations(
-        cameras,
-        np.asarray(instant, dtype=np.intp),
-        np.asarray(board, dtype=np.intp),
-        np.array([len(pixel) for pixel in pixels], dtype=np.intp),
-        np.concatenate(points),
-        np.concatenate(pixels),
-    )
+    """Stack views given by their indices, points (n, 3) and pixels (n, 2); they come sorted by camera."""
+    counts = list(map(len, pixels))
+    cameras, instants, boards, numbers = (np.asarray(one, dtype=np.intp) for one in (camera, instant, board, counts))
+    return Observations(cameras, instants, boards, numbers, np.concatenate(points), np.concatenate(pixels))
+
+
+def camera_observations(views: Sequence[BoardView], boards: Mapping[str, Board]) -> Observations:
+    """Return the views of one camera."""
+    zeros, points = [0] * len(views), [boards[view.board].points[view.corners] for view in views]
+    return observations(zeros, range(len(views)), zeros, points, [view.pixels for view in views])

@@ -11,6 +11,7 @@ as none.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -57,9 +58,7 @@ class Mounting:
     @property
     def unobserved(self) -> tuple[str, ...]:
         """What the drive does not tell."""
-        return tuple(
-            name for name, is_told in zip(NAMES, self.deviations < MOUNTING_UNOBSERVED, strict=True) if not is_told
-        )
+        return tuple(compress(NAMES, ~(self.deviations < MOUNTING_UNOBSERVED)))
 
 
 def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None) -> Mounting:
@@ -72,11 +71,8 @@ def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None)
     if A.matrix.shape[0] < MIN_PIECES:
         needed = f"{MIN_PIECES} pieces of {PIECE_M:g} m or {np.degrees(PIECE_RAD):.0f} deg"
         raise ValueError(f"mounting: expected a drive of at least {needed}, found {A.matrix.shape[0]}")
-    starts = (
-        [given]
-        if given is not None
-        else [SE3.from_parts(R, np.zeros(3)) for R in Rotation.create_group("O").as_matrix()]
-    )
+    starts = [given] if given is not None else []
+    starts = starts or [SE3.from_parts(R, np.zeros(3)) for R in Rotation.create_group("O").as_matrix()]
     return min((_fit(A, B, start) for start in starts), key=lambda fit: fit[1])[0]
 
 

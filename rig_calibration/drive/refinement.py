@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -39,8 +40,7 @@ class RefinedCamera:
     @property
     def unobserved(self) -> tuple[str, ...]:
         """Parameters that the drive does not tell: their deviation is about what it was before."""
-        is_left = np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma
-        return tuple(name for name, left in zip(self.names, is_left, strict=True) if left)
+        return tuple(compress(self.names, np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma))
 
 
 def refine_camera(
@@ -69,10 +69,10 @@ def refine_camera(
         return Elimination(parts, prior_sigma, found.values - lens.values)
 
     prior_sigma = lens.prior_sigma * np.where([name in held for name in lens.names], HELD, 1.0)
-    states, levels = [ImageState(image.T_map_camera) for image in images], range(len(images[0].levels) - 1, -1, -1)
+    found, states = lens, [ImageState(image.T_map_camera) for image in images]
+    levels = range(len(images[0].levels) - 1, -1, -1)
     if start is not None:
-        states, levels = list(start[1]), range(1)
-    found = lens if start is None else start[0]
+        found, states, levels = start[0], list(start[1]), range(1)
     for level in levels:
         for _ in range(LENS_STEPS):
             step, own, size = linearize(found, states, level).step()

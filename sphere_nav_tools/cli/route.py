@@ -119,11 +119,9 @@ def name_place(arguments: argparse.Namespace) -> None:
     path = network_path(arguments.network)
     yaw = float(np.radians(values[2])) if len(values) == 3 else None
     named = routes.name_place(path, read_network(path), arguments.name, values[0], values[1], yaw)
-    node = named.nodes[named.places[arguments.name]]
-    heading = np.degrees(node.pose.yaw)
-    print(
-        f"{path}: {arguments.name} is node {node.id} at {node.pose.x:.2f}, {node.pose.y:.2f}, heading {heading:.0f} deg"
-    )
+    node = named.places[arguments.name]
+    x, y, yaw = named.nodes[node]
+    print(f"{path}: {arguments.name} is node {node} at {x:.2f}, {y:.2f}, heading {np.degrees(yaw):.0f} deg")
 
 
 def show(arguments: argparse.Namespace) -> None:

@@ -122,9 +122,9 @@ def draw_network(path: Path, network: Network, route: Route | None = None) -> No
         for leg in route.legs if route is not None else ():
             part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
             axes.plot(part.x, part.y, color=WAY, lw=5, alpha=0.35)
-        axes.plot(*np.array([node.pose[:2] for node in network.nodes.values()]).T, "o", color="black", ms=4)
+        axes.plot(*np.array([node[:2] for node in network.nodes.values()]).T, "o", color="black", ms=4)
         for name, node in network.places.items():
-            axes.annotate(name, network.nodes[node].pose[:2], (6, 6), textcoords="offset points", weight="bold")
+            axes.annotate(name, network.nodes[node][:2], (6, 6), textcoords="offset points", weight="bold")
         if route is not None:
             axes.set_title(f"{route.length:.0f} m, {route.seconds:.0f} s", loc="left")
         in_meters(axes)

@@ -198,6 +198,6 @@ class Kit:
         return drive
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def kit():
     return Kit()

@@ -21,7 +21,7 @@ def assert_sound(network, max_bend=0.2):
     """Edges begin and end on their nodes, in position and heading, and no curve bends more than what was driven."""
     for edge in network.edges.values():
         for number, index in ((edge.start, 0), (edge.end, -1)):
-            pose = network.nodes[number].pose
+            pose = network.nodes[number]
             assert math.hypot(edge.curve.x[index] - pose.x, edge.curve.y[index] - pose.y) < 1e-6
             assert abs(wrap(edge.curve.yaw[index] - pose.yaw)) < 0.01
         assert np.abs(edge.curve.bend).max() < max_bend
@@ -36,7 +36,7 @@ def test_where_a_drive_parts_there_is_a_branch(drive):
     assert_sound(network)
     assert len(network.edges) == 3
     branch = next(node for node in network.nodes if len(network.departures(node)) == 2)
-    pose = network.nodes[branch].pose
+    pose = network.nodes[branch]
     assert (pose.x, pose.y) == (pytest.approx(30.0, abs=1.0), pytest.approx(0.0, abs=1e-6))  # on what was there first
 
 
@@ -46,7 +46,7 @@ def test_where_a_drive_meets_another_there_is_a_branch(drive):
     )
     assert_sound(network)
     meeting = next(node for node in network.nodes if len(network.arrivals(node)) == 2)
-    assert network.nodes[meeting].pose.x == pytest.approx(30.0, abs=1.0)
+    assert network.nodes[meeting].x == pytest.approx(30.0, abs=1.0)
 
 
 def test_a_crossing_is_no_branch(drive):
@@ -118,7 +118,7 @@ def test_a_network_begins_at_home_wherever_that_is(drive):
     network = build_network([drive((60, 0), start=start, left=left) for left in (0.0, 0.1, -0.2)], "campus")
     (edge,) = network.edges.values()
     assert (network.map_id, network.places) == ("campus", {"home": edge.start})
-    assert network.nodes[edge.start].pose == pytest.approx(start)
+    assert network.nodes[edge.start] == pytest.approx(start)
 
 
 def test_an_edge_that_was_driven_backwards_is_reversible(drive):

@@ -12,7 +12,7 @@ from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
-from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
+from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.planning import Leg, plan
 from path_follower.taught import make_path as path_of
 
@@ -38,7 +38,7 @@ def test_a_joint_bends_no_more_than_what_was_driven(drive):
     """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
     turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)
     network = build_network([drive((60, 0)), turn])
-    goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].pose.y > 5)
+    goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].y > 5)
     route = plan(network, [Spot(next(iter(network.edges)), 1.0)], network.spots_of(goal), cruise=1.4)
     course = make_course(network, route.legs, None, VEHICLE)
     path = path_of(np.stack([course.x, course.y], axis=-1), course.yaw, course.speed, PARAMS)
@@ -134,7 +134,7 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
     x = np.linspace(0.0, 20.0, 201)
     edges = {i: RouteEdge(i, i, i + 1, EdgeCurve(x + 20 * i, 0 * x, 0 * x, 0.5 + 0.02 * (x + 20 * i)), is_reverse=True)
              for i in (0, 1)}  # fmt: skip
-    network = Network({i: Node(i, Pose2(20.0 * i, 0, 0)) for i in range(3)}, edges)
+    network = Network({i: Pose2(20.0 * i, 0, 0) for i in range(3)}, edges)
     legs = [Leg(0, 1, 5.0, 20.0), Leg(1, 1, 0.0, 15.0)]
     if direction < 0:
         legs = [Leg(1, -1, 15.0, 0.0), Leg(0, -1, 20.0, 5.0)]

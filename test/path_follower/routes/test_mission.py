@@ -211,7 +211,7 @@ def test_a_follower_that_does_not_answer_is_told_again_to_pause(trip):
 
 
 def test_a_vehicle_that_is_there_need_not_drive(trip):
-    trip.pose = trip.mission.network.nodes[trip.mission.network.places["end"]].pose
+    trip.pose = trip.mission.network.nodes[trip.mission.network.places["end"]]
     trip.mission.begin(GOAL, 0.0)
     assert trip.live(2 * STEADY) == []
     assert (trip.mission.outcome.success, trip.mission.outcome.distance) == (True, pytest.approx(0.0, abs=0.3))

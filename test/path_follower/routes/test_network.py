@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
+from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.planning import plan, with_laps
 
 
@@ -34,7 +34,7 @@ def test_a_place_cuts_its_edge_or_takes_a_node_that_is_there(fork):
     named = fork.with_place("gate", Spot(edge.id, 5.0))
     before, after = named.arrivals(named.node_of("gate"))[0], named.departures(named.node_of("gate"))[0]
     assert before.length + after.length == pytest.approx(edge.length, abs=1e-6)
-    assert named.nodes[named.node_of("gate")].pose.x == pytest.approx(5.0, abs=1e-6)
+    assert named.nodes[named.node_of("gate")].x == pytest.approx(5.0, abs=1e-6)
     assert len(named.edges) == len(fork.edges) + 1
     assert fork.with_place("gate", Spot(edge.id, 0.3)).places == {"home": edge.start, "gate": edge.start}
     assert named.name_of(named.node_of("gate")) == "gate"
@@ -69,7 +69,7 @@ def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
     x = np.linspace(0.0, 20.0, 201)
     edges = {i: RouteEdge(i, 0, 1, EdgeCurve(x, np.full(201, y), 0 * x + turned, 0 * x + 1))
              for i, y, turned in ((5, 0.5, 0.0), (6, -0.4, 0.0), (7, -0.1, 0.5))}  # fmt: skip
-    found = Network({0: Node(0, Pose2(0, 0, 0)), 1: Node(1, Pose2(20, 0, 0))}, edges).locate(Pose2(10, 0, 0), 2.0, 0.6)
+    found = Network({0: Pose2(0, 0, 0), 1: Pose2(20, 0, 0)}, edges).locate(Pose2(10, 0, 0), 2.0, 0.6)
     assert [(spot.edge, spot.turned) for spot in found] == [(6, 0.0), (5, 0.0), (7, pytest.approx(-0.5))]
     assert [spot.left for spot in found[:2]] == pytest.approx([0.4, -0.5])
 
@@ -83,7 +83,7 @@ def straight(number, start, end, length, **more):
 def random_network(rng, nodes=12, edges=40):
     pairs = rng.integers(0, nodes, (edges, 2))
     numbered = {100 + i: straight(100 + i, int(a), int(b), float(rng.uniform(1, 9))) for i, (a, b) in enumerate(pairs)}
-    return Network({i: Node(i, Pose2(0, 0, 0)) for i in range(nodes)}, numbered)
+    return Network({i: Pose2(0, 0, 0) for i in range(nodes)}, numbered)
 
 
 def leads_on(network, route):
@@ -170,7 +170,7 @@ def test_a_change_of_direction_leads_through_a_node():
         straight(11, 2, 1, 7.0, is_forward=False, is_reverse=True),
         straight(12, 2, 3, 4.0),
     ]
-    network = Network({i: Node(i, Pose2(0, 0, 0)) for i in range(4)}, {edge.id: edge for edge in edges})
+    network = Network({i: Pose2(0, 0, 0) for i in range(4)}, {edge.id: edge for edge in edges})
     route = plan(network, [Spot(10, 0.0)], [Spot(12, 4.0)], cruise=1.0)
     assert [leg.name for leg in route.legs] == ["10", "-11", "12"]
     assert math.isclose(route.seconds, 16.0)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.checks import check_views, disagreements, lens_chance
+from rig_calibration.boards.quality import disagreements, lens_chance
 from rig_calibration.boards.views import BoardView
+from rig_calibration.calibrate import check_views
 
 COVARIANCE = np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8])  # the distortion is held
 

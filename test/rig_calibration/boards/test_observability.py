@@ -72,5 +72,7 @@ def test_a_rotation_known_to_more_than_a_tenth_of_a_degree_or_a_place_to_five_mi
     limits = np.repeat([0.005, np.radians(0.1)], 3)
     for factor, told in [(0.9, []), (1.1, ["is weakly observed"] * 6), (11.0, ["cannot be observed"] * 6)]:
         found = observability.Spread(0.2, np.zeros((1, 12, 12)), np.diag((factor * limits) ** 2)[None])
-        lines = observability.warnings(("front",), found)[:6]
-        assert [words in line for words, line in zip(told, lines, strict=True)] == [True] * len(told)
+        lines = observability.warnings(("front",), found)
+        assert [words in line for words, line in zip(told, lines[:6], strict=True)] == [True] * len(told)
+    assert lines[2] == "front: z (up) cannot be observed (standard deviation 55.0 mm)"
+    assert lines[6].startswith("tilt the rig")

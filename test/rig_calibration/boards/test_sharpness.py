@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.sharpness import edge_width
+from rig_calibration.boards.detect import edge_width
 
 BOARD = Board("board", 6, 5, 0.1)
 

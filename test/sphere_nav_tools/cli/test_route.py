@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from path_follower.path import Pose2
-from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
+from path_follower.routes.network import EdgeCurve, Network, RouteEdge
 from path_follower.routes.network_file import read_network
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.routes import describe, find_spot
@@ -46,7 +46,7 @@ def test_places_that_are_named_are_ends_of_ways(drives, capsys):
     assert run(capsys, "name", "yard", "net.geojson", "--at", "36,4,90")[0] == 0
     network = read_network("net.geojson")
     assert sorted(network.places) == ["gate", "home", "yard"]
-    assert network.nodes[network.places["yard"]].pose.y == pytest.approx(4.0, abs=0.2)
+    assert network.nodes[network.places["yard"]].y == pytest.approx(4.0, abs=0.2)
     status, said = run(capsys, "show", "net.geojson", "--plot", "net.png")
     assert (status, f"place gate: node {network.places['gate']}" in said.out) == (0, True)
     status, said = run(capsys, "plan", "net.geojson", "home", "gate", "--plot", "way.png")
@@ -94,7 +94,7 @@ def network():
         6: RouteEdge(6, 2, 3, arc(2.3), False, True),
         7: RouteEdge(7, 2, 4, arc(2.6)),
     }
-    nodes = {number: Node(number, Pose2(10.0 * (number > 1), 0.0, 0.0)) for number in (1, 2, 3, 4)}
+    nodes = {number: Pose2(10.0 * (number > 1), 0.0, 0.0) for number in (1, 2, 3, 4)}
     return Network(nodes, edges, {"gate": 3, "barn": 1})
 
 
@@ -117,7 +117,7 @@ def test_a_spot_is_the_closest_that_heads_as_asked_for():
     x = np.linspace(-5.0, 5.0, 101)
     across = EdgeCurve(np.full(101, 4.0), x, np.full(101, math.pi / 2), np.ones(101))
     edges = {i: RouteEdge(i, 1, 2, curve) for i, curve in ((5, straight(10.0)), (6, straight(10.0, 1.0)), (7, across))}
-    network = Network({1: Node(1, Pose2(0, 0, 0)), 2: Node(2, Pose2(10, 0, 0))}, edges)
+    network = Network({1: Pose2(0, 0, 0), 2: Pose2(10, 0, 0)}, edges)
     assert [find_spot(network, 2.0, y, None).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]
     assert find_spot(network, 3.8, 0.4, None).edge == 7
     assert find_spot(network, 3.8, 0.4, 0.1).edge == 5
