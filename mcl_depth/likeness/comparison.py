@@ -28,10 +28,9 @@ def check_headings(step_deg: float, num_columns: int) -> None:
         raise ValueError(f"heading_step_deg: expected {expected}, found {step_deg:g} deg")
 
 
-def similarity_many(
-    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.int64]
+def compare_gradients(
+    visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_alpha: int
 ) -> Similarities:
-    """Return eq. 2 for M panoramas of a stack, those of `indices`, and all headings, (M, num_alpha)."""
-    seen = np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-    arrays = (visual.x, visual.y, visual.magnitude, seen, stack.directions, stack.magnitudes, stack.scales)
-    return kernels.compare_headings_many(*arrays, indices, num_alpha)
+    """Return eq. 2 for M panoramas of a stack, those in `slots`, and all headings, (M, num_alpha)."""
+    image = visual.x, visual.y, visual.magnitude, visual.is_seen.astype(np.float32)
+    return kernels.compare_headings_many(*image, *stack.arrays, slots, num_alpha)

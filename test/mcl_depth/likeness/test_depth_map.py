@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.features import visual_features
+from mcl_depth.likeness.kept_arrays import load_arrays, save_arrays
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
 CAMERA = panorama_window(SynthesisParams(num_columns=72))
 HEADINGS = 36
+MIDDLE = np.array([[0, 0]])
 
 
 class Synthesizer:
@@ -61,25 +62,25 @@ def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        curves.append(depth_map.survey(visual, places, HEADINGS))
+        curves.append(depth_map.prepare(places).curves(visual, HEADINGS))
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    assert len(made(folder=str(tmp_path))[1].survey(visual, places[:20], HEADINGS)) == 20
+    assert len(made(folder=str(tmp_path))[1].prepare(places[:20]).curves(visual, HEADINGS)) == 20
     for part in tmp_path.glob("*_*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].survey(visual, places, HEADINGS)
+        made(folder=str(tmp_path))[1].prepare(places).curves(visual, HEADINGS)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
     _, first = made(folder=str(tmp_path))
-    expected = first.similarities(visual, [(0, 0)], HEADINGS)
+    expected = first.similarities(visual, MIDDLE, HEADINGS)
     first.save()
     synthesizer, again = made(folder=str(tmp_path))
-    np.testing.assert_array_equal(again.similarities(visual, [(0, 0)], HEADINGS), expected)
+    np.testing.assert_array_equal(again.similarities(visual, MIDDLE, HEADINGS), expected)
     assert synthesizer.asked == []
     other, differs = made(folder=str(tmp_path), max_distance=0.5)
-    differs.similarities(visual, [(0, 0)], HEADINGS)
+    differs.similarities(visual, MIDDLE, HEADINGS)
     assert len(other.asked) == 1
 
 
@@ -88,8 +89,8 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     places = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 2))
     cached = Comparison(visual, depth_map, HEADINGS)
     for part in (places[:40], places[20:]):
-        cells = [(int(x), int(y)) for x, y in depth_map.cells(part)]
-        np.testing.assert_array_equal(cached.curves(part), depth_map.similarities(visual, cells, HEADINGS))
+        wanted = depth_map.similarities(visual, depth_map.cells(part), HEADINGS)
+        np.testing.assert_array_equal(cached.curves(part), wanted)
     assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
 
