@@ -24,7 +24,6 @@ from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, S
 from sphere_nav.geometry.arrays import Array
 
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
-MIRROR = np.array([1.0, -1.0, -1.0])  # of x, y, yaw
 
 
 class JointEvidence:
@@ -144,7 +143,7 @@ class Drives:
         """Add an image and its mirror image, taken at `odometry` (3,); return the sum, and what the others reach."""
         turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
         total, *others = self._ahead.add(np.stack([field, *turned]), odometry)
-        away = self._mirrored.add(mirrored, None if odometry is None else MIRROR * odometry)
+        away = self._mirrored.add(mirrored, None if odometry is None else odometry * np.array([1.0, -1.0, -1.0]))
         if odometry is None:
             self._way_m = 0.0
         else:

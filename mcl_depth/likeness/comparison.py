@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 
-Similarities = NDArray[np.float32]
-
 
 def num_alpha_for(step_deg: float) -> int:
     """Return how many headings a step makes."""
@@ -30,7 +28,7 @@ def check_headings(step_deg: float, num_columns: int) -> None:
 
 def compare_gradients(
     visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_alpha: int
-) -> Similarities:
+) -> NDArray[np.float32]:
     """Return eq. 2 for M panoramas of a stack, those in `slots`, and all headings, (M, num_alpha)."""
     image = visual.x, visual.y, visual.magnitude, visual.is_seen.astype(np.float32)
     return kernels.compare_headings_many(*image, *stack.arrays, slots, num_alpha)

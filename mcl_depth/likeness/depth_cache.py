@@ -1,22 +1,101 @@
-"""Features of synthesised depth images by position (algorithm 2, D_cache): a bounded memory, kept on disk if wanted."""
+"""Features of synthesised depth images by position (algorithm 2, D_cache): a bounded memory, kept on disk if wanted.
+
+Arrays kept in a folder between runs: made beside it and renamed, so that a reader finds all of them or none.
+"""
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
 from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.features import Stack
-from mcl_depth.likeness.kept_arrays import load_arrays, save_arrays
+from sphere_nav.geometry.files.untrusted import read_npy
 
 Cell = tuple[int, int]
-Cells = NDArray[np.int64]  # (N, 2)
 
 
-def keys_of(cells: Cells) -> list[Cell]:
-    """Return what cells are looked up by."""
+def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays by name into a folder; the last one to write wins."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    for name, array in arrays.items():
+        np.save(fresh / f"{name}.npy", array, allow_pickle=False)
+    if folder.exists():
+        shutil.rmtree(folder)
+    os.replace(fresh, folder)
+
+
+def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None:
+    """Return what `save_arrays` wrote, mapped into memory; None without a folder. ValueError if damaged."""
+    if not folder.is_dir():
+        return None
+    try:
+        return [read_npy(folder / f"{name}.npy", "array of depth features") for name in names]
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+
+
+@dataclass(frozen=True)
+class KeptArrays:
+    """Arrays that belong together, one file each."""
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the arrays."""
+        return tuple(item.name for item in fields(cls))
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The arrays in the order of their names."""
+        return tuple(getattr(self, name) for name in self.names())
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        save_arrays(folder, dict(zip(self.names(), self.arrays, strict=True)))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, cls.names())
+        return None if found is None else cls(*map(np.array, found))
+
+
+@dataclass(frozen=True)
+class Stack(KeptArrays):
+    """Depth features of M panoramas: arrays with a row for each."""
+
+    def __len__(self) -> int:
+        return len(self.arrays[0])
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all panoramas in bytes."""
+        return sum(array.nbytes for array in self.arrays)
+
+    def room(self, capacity: int) -> Self:
+        """Return room for `capacity` panoramas of this kind, to be filled by `put`; memory is taken when written to."""
+        return type(self)(*(np.empty((capacity, *array.shape[1:]), array.dtype) for array in self.arrays))
+
+    def take(self, indices: NDArray[np.integer] | slice) -> Self:
+        """Return the panoramas of some indices."""
+        return type(self)(*(array[indices] for array in self.arrays))
+
+    def put(self, indices: NDArray[np.integer] | slice, other: Self) -> None:
+        """Overwrite some panoramas by others."""
+        for array, new in zip(self.arrays, other.arrays, strict=True):
+            array[indices] = new
+
+
+def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
+    """Return what cells (N, 2) are looked up by."""
     return [(x, y) for x, y in np.asarray(cells).tolist()]
 
 
@@ -41,7 +120,7 @@ class DepthCache:
         """Share of the look-ups that found something."""
         return self.num_hits / max(self.num_hits + self.num_misses, 1)
 
-    def find(self, cells: Cells) -> NDArray[np.int64]:
+    def find(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
         keys = keys_of(cells)
         slots = np.array([self._slots.get(key, -1) for key in keys], dtype=np.int64)
@@ -51,7 +130,7 @@ class DepthCache:
         self.num_hits, self.num_misses = self.num_hits + len(known), self.num_misses + len(keys) - len(known)
         return slots
 
-    def insert(self, cells: Cells, features: Stack) -> NDArray[np.int64]:
+    def insert(self, cells: NDArray[np.int64], features: Stack) -> NDArray[np.int64]:
         """Keep features of new cells, at most `capacity` of them at once; return their slots (N,)."""
         for key in keys_of(cells):
             is_full = len(self._slots) >= self.capacity

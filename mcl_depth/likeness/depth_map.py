@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.likeness.depth_cache import Cells, DepthCache, keys_of
+from mcl_depth.likeness.depth_cache import DepthCache, keys_of
 from mcl_depth.likeness.features import Image, Mask, is_sky
-from mcl_depth.likeness.kinds import SpectralFilter, Visual, likeness_of
+from mcl_depth.likeness.kinds import Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Camera, Spherical
@@ -43,7 +43,7 @@ class DepthMap:
         self.likeness = likeness_of(params, camera)
         one = self.likeness.depths(np.ones((1, camera.height, camera.width), np.float32))
         self.cache = DepthCache(params.cache.max_megabytes << 20, one)
-        self._filter: tuple[str, SpectralFilter] | None = None  # with the places that it is of
+        self._filter: tuple[str, Any] | None = None  # with the places that it is of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
@@ -54,7 +54,7 @@ class DepthMap:
         """Window of the sphere in which images are compared."""
         return self._synthesizer.camera
 
-    def cells(self, positions: Array) -> Cells:
+    def cells(self, positions: Array) -> NDArray[np.int64]:
         """Return the cells (N, 2) of positions (N, 2)."""
         return np.floor(positions[:, :2] / self.edge).astype(np.int64)
 
@@ -101,7 +101,7 @@ class DepthMap:
         detail = f"{share:.0%} of the panorama is seen"
         return gray, is_seen, Verdict(Reason.LOW_OVERLAP, share, least, detail)
 
-    def similarities(self, visual: Visual, cells: Cells, num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: Visual, cells: NDArray[np.int64], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
         curves = np.zeros((len(cells), num_headings), dtype=np.float32)
         for first in range(0, len(cells), self.cache.capacity):
@@ -122,16 +122,16 @@ class DepthMap:
             self._filter = places, self._load_or_make(positions, places)
         return self._filter[1]
 
-    def _load_or_make(self, positions: Array, places: str) -> SpectralFilter:
+    def _load_or_make(self, positions: Array, places: str) -> Any:
         """Return it from the disk, or made, and kept there."""
         kind, folder = self.likeness.filter, None
         if self._folder is not None:
             folder = self._folder.with_name(f"{self._folder.name}_{places}")
-            found: SpectralFilter | None = kind.load(folder)
+            found = kind.load(folder)
             if found is not None and found.codes.shape[1] == len(positions):
                 return found
         slots = self._slots(self.cells(positions))
-        made: SpectralFilter = kind.of(self.cache.stack, slots)
+        made = kind.of(self.cache.stack, slots)
         if folder is not None:
             made.save(folder)
         return made
@@ -159,12 +159,12 @@ class DepthMap:
         if self._folder is not None:
             self.cache.save(self._folder)
 
-    def _middles(self, cells: Cells) -> Array:
+    def _middles(self, cells: NDArray[np.int64]) -> Array:
         """Return the camera positions (N, 3) that stand for cells."""
         xy = (cells + 0.5) * self.edge
         return np.column_stack([xy, self.heights(xy)])
 
-    def _slots(self, cells: Cells) -> NDArray[np.int64]:
+    def _slots(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells in the cache, their images made where missing; -1 without ground."""
         slots = self.cache.find(cells)
         middles = self._middles(cells)

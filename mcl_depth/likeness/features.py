@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M, MIN_GRADIENT
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.kept_arrays import KeptArrays
+from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.kernels import NO_DIRECTION, NUM_DIRECTIONS
 from mcl_depth.params import ComparisonParams
 
@@ -41,32 +41,6 @@ class GradientFeatures:
     def mirrored(self) -> GradientFeatures:
         """Those of the image whose left is right, ahead staying ahead."""
         return GradientFeatures(*map(mirror, (-self.x, self.y, self.magnitude, self.is_seen)))
-
-
-@dataclass(frozen=True)
-class Stack(KeptArrays):
-    """Depth features of M panoramas: arrays with a row for each."""
-
-    def __len__(self) -> int:
-        return len(self.arrays[0])
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of all panoramas in bytes."""
-        return sum(array.nbytes for array in self.arrays)
-
-    def room(self, capacity: int) -> Self:
-        """Return room for `capacity` panoramas of this kind, to be filled by `put`; memory is taken when written to."""
-        return type(self)(*(np.empty((capacity, *array.shape[1:]), array.dtype) for array in self.arrays))
-
-    def take(self, indices: NDArray[np.integer] | slice) -> Self:
-        """Return the panoramas of some indices."""
-        return type(self)(*(array[indices] for array in self.arrays))
-
-    def put(self, indices: NDArray[np.integer] | slice, other: Self) -> None:
-        """Overwrite some panoramas by others."""
-        for array, new in zip(self.arrays, other.arrays, strict=True):
-            array[indices] = new
 
 
 @dataclass(frozen=True)

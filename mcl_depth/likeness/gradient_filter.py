@@ -20,8 +20,8 @@ from mcl_depth.constants import (
     PART_FINENESS,
     ROOT,
 )
+from mcl_depth.likeness.depth_cache import KeptArrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
-from mcl_depth.likeness.kept_arrays import KeptArrays
 from mcl_depth.likeness.spectra import (
     DOUBLE_COSINES,
     DOUBLE_SINES,

@@ -8,12 +8,12 @@ from typing import Any
 
 from mcl_depth.constants import MIN_SEEN
 from mcl_depth.likeness.comparison import compare_gradients
+from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.encoder import EncoderPair, load_encoders
 from mcl_depth.likeness.features import (
     GradientFeatures,
     Image,
     Mask,
-    Stack,
     depth_features_many,
     visual_features,
 )
@@ -24,7 +24,6 @@ from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
 Visual = GradientFeatures | LearnedFeatures
-SpectralFilter = GradientFilter | LearnedFilter
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Likeness:
 
     name: str  # of what is kept on disk
     min_seen: float  # share of the panorama that an image must show
-    filter: type[Any]  # of one image against every cell, a `SpectralFilter`
+    filter: type[Any]  # of one image against every cell, `GradientFilter` or `LearnedFilter`
     image: Callable[[Image, Mask], Any]  # level panorama (H, W), what of it is seen -> Visual
     depths: Callable[[Image], Stack]  # range panoramas (M, H, W) in m
     compare: Callable[..., Curves]  # Visual, stack, slots (M,), number of headings -> similarities (M, headings)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
+from mcl_depth.likeness.depth_cache import KeptArrays, Stack
 from mcl_depth.likeness.encoder import EncoderPair
-from mcl_depth.likeness.features import Mask, Stack, mirror
-from mcl_depth.likeness.kept_arrays import KeptArrays
+from mcl_depth.likeness.features import Mask, mirror
 from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import CODE_RANGE, NUM_FREQUENCIES, NUM_SAMPLES
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.features import FeatureStack, Stack
+from mcl_depth.likeness.depth_cache import Stack
+from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
 
 Spectra = NDArray[np.complex64]

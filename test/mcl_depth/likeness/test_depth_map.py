@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.features import visual_features
-from mcl_depth.likeness.kept_arrays import load_arrays, save_arrays
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
 CAMERA = panorama_window(SynthesisParams(num_columns=72))
 HEADINGS = 36
-MIDDLE = np.array([[0, 0]])
 
 
 class Synthesizer:
@@ -73,14 +72,14 @@ def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
-    _, first = made(folder=str(tmp_path))
-    expected = first.similarities(visual, MIDDLE, HEADINGS)
+    (_, first), middle = made(folder=str(tmp_path)), np.array([[0, 0]])
+    expected = first.similarities(visual, middle, HEADINGS)
     first.save()
     synthesizer, again = made(folder=str(tmp_path))
-    np.testing.assert_array_equal(again.similarities(visual, MIDDLE, HEADINGS), expected)
+    np.testing.assert_array_equal(again.similarities(visual, middle, HEADINGS), expected)
     assert synthesizer.asked == []
     other, differs = made(folder=str(tmp_path), max_distance=0.5)
-    differs.similarities(visual, MIDDLE, HEADINGS)
+    differs.similarities(visual, middle, HEADINGS)
     assert len(other.asked) == 1
 
 
