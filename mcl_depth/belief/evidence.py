@@ -105,15 +105,17 @@ class Evidence:
     def reset(self, *, is_given: bool = False) -> None:
         """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
         self._drives.reset()
-        self._test = PlaceTest(self._max_chance, is_held=False) if is_given else None  # of the place held or on trial
+        self._watch = self._test(is_held=True)
+        self._trial = self._test() if is_given else None
         self._num_left = MAX_TRIAL  # images until a trial that is still open ends
-        self.doubt = FINE  # why a held place is doubted
+        self._retrial: PlaceTest | None = None  # of a held place that is doubted
+        self.doubt = FINE  # why
         self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
 
     @property
     def is_on_trial(self) -> bool:
         """Whether a place that was given is neither confirmed nor refused."""
-        return self._test is not None and not self._test.is_held
+        return self._trial is not None
 
     def prove(self, comparison: Comparison, pose: Array, seen: Reconciled, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself.
@@ -121,37 +123,30 @@ class Evidence:
         While none is held, `place` is the best of the map that is more than chance, or one that was given and is more
         probably right than wrong.
         """
+        self._weigh(seen)
         self.place = None
-        if not seen.is_known:  # nobody knows how the camera moved: the place is no more than a start that was given
-            self.reset(is_given=True)
-        elif is_held:
-            return Proof(self._watch(comparison, pose, seen), is_held=True)
-        self.doubt = seen.finding if seen.is_known else FINE
-        test = self._test
-        if test is not None and not test.is_held and self._is_open(test, comparison, pose):
-            self.place = pose if test.p_chance < EVEN_ODDS else None
-            return Proof(test.p_chance)
-        self._test = None
+        if is_held and seen.is_known:
+            return Proof(self.watch(comparison, pose), is_held=True)
+        self._watch = self._test(is_held=True)
+        self._retrial = None
+        if self._trial is not None and self._is_open(self._trial, comparison, pose):
+            self.place = pose if self._trial.p_chance < EVEN_ODDS else None
+            return Proof(self._trial.p_chance)
+        self._trial = None
         T_odom_level = seen.observation.T_odom_level
         proof = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         self.place = proof.poses[0] if proof.is_proven else None
         return proof
 
-    def _watch(self, comparison: Comparison, pose: Array, seen: Reconciled) -> float:
-        """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one.
+    def watch(self, comparison: Comparison, pose: Array) -> float:
+        """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
+        self._add_to([test for test in (self._watch, self._retrial) if test is not None], comparison, pose)
+        if self._retrial is not None and self._retrial.is_confirmed:
+            self._retrial = None
+        return 1.0 if self._retrial is not None and self._retrial.is_refused() else self._watch.p_chance
 
-        Where images contradict odometry it is doubted, from even odds, until they confirm it.
-        """
-        if self._test is None or not self._test.is_held:
-            self._test = PlaceTest(self._max_chance, is_held=True)
-        if seen.is_contradicted:
-            if self.doubt is FINE:
-                self._test.suspect()
-            self.doubt = seen.finding
-        elif self._test.is_sure:
-            self.doubt = FINE
-        self._add_to(self._test, comparison, pose)
-        return self._test.p_chance
+    def _test(self, *, is_held: bool = False) -> PlaceTest:
+        return PlaceTest(self._max_chance, is_held=is_held)
 
     def _is_open(self, trial: PlaceTest, comparison: Comparison, pose: Array) -> bool:
         """Add an image to a trial of a pose (3,); return whether the place is not refused.
@@ -162,11 +157,26 @@ class Evidence:
         if np.all(self._grid.rows_around(pose, NEAR) < 0):
             trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
         else:
-            self._add_to(trial, comparison, pose)
-        return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused)
+            self._add_to([trial], comparison, pose)
+        return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused())
 
-    def _add_to(self, test: PlaceTest, comparison: Comparison, pose: Array) -> None:
-        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
+    def _weigh(self, seen: Reconciled) -> None:
+        """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
+
+        Where nobody knows how the camera moved, the place is no more than a start that was given.
+        """
+        if not seen.is_known:
+            self.reset(is_given=True)
+        elif seen.is_contradicted:
+            if self.doubt is FINE:
+                self._watch.suspect()
+                self._retrial = self._test()
+            self.doubt = seen.finding
+        elif self._retrial is None:
+            self.doubt = FINE
+
+    def _add_to(self, tests: Sequence[PlaceTest], comparison: Comparison, pose: Array) -> None:
+        """Tell tests how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
@@ -174,7 +184,9 @@ class Evidence:
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
-            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+            found = excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings)
+            for test in tests:
+                test.add(found)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""

@@ -56,7 +56,7 @@ class PlaceTest:
 
     def __init__(self, max_chance: float, *, is_held: bool) -> None:
         """`max_chance`: a place that was accepted is chance so often; one is refused by as much."""
-        self._max_chance, self.is_held = max_chance, is_held
+        self._max_chance, self._is_held = max_chance, is_held
         self._least = float(np.log(max_chance / max(1.0 - max_chance, 1e-12))) if is_held else -np.inf
         self._mean, self._variance = FIRST_MEAN, FIRST_SIGMA**2
         self._log_odds = self._least if is_held else 0.0
@@ -64,15 +64,15 @@ class PlaceTest:
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
         step = log_ratio_of(value, self._mean, self._variance)
-        if step < 0.0 and self.is_held:
+        if step < 0.0 and self._is_held:
             off = min(value, MAX_EXCESS) - self._mean
             self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
             self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
-        self._log_odds = max(self._log_odds + (step if self.is_held else NEWS * step), self._least)
+        self._log_odds = max(self._log_odds + (step if self._is_held else NEWS * step), self._least)
 
     def suspect(self) -> None:
-        """Begin from even odds: the vehicle may have been carried off."""
-        self._log_odds = max(self._log_odds, 0.0)
+        """Count the worst that an image can say of the place: the vehicle may have been carried off."""
+        self._log_odds += MAX_LOG_RATIO_STEP
 
     @property
     def p_chance(self) -> float:
@@ -80,16 +80,10 @@ class PlaceTest:
         return float(1.0 / (1.0 + np.exp(np.clip(-self._log_odds, -50.0, 50.0))))
 
     @property
-    def is_sure(self) -> bool:
-        """Whether nothing speaks against it any more."""
-        return self._log_odds <= self._least
-
-    @property
     def is_confirmed(self) -> bool:
         """Whether it is as surely right as a place that is accepted."""
         return self.p_chance < self._max_chance
 
-    @property
     def is_refused(self) -> bool:
         """Whether it is as surely wrong as a place that is accepted is right."""
         return bool(self._log_odds > np.log(1.0 / self._max_chance))

@@ -74,5 +74,5 @@ def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
         found = []
         for _ in range(5):
             trial.add(value)
-            found.append((trial.p_chance < RATE, trial.is_refused))
+            found.append((trial.p_chance < RATE, trial.is_refused()))
         assert found == [(False, False)] * 4 + [(is_right, not is_right)]
