@@ -120,8 +120,8 @@ class Filter:
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
-        if proof.survey is not None and not self._states.is_following:
-            self.particles = inject_at_places(self.particles, proof.survey, self._rng, proof.share_of_new)
+        if proof.is_of_map and not self._states.is_following:
+            self.particles = inject_at_places(self.particles, proof, self._rng)
         belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 

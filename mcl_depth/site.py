@@ -12,8 +12,8 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.constants import MESH_STEP, MIN_HEIGHT_M
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, Ground, find_area
-from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
+from mcl_depth.geometry.cloud import Geometry
+from mcl_depth.geometry.mesh import sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
@@ -48,7 +48,7 @@ class Site:
     """What of a map does not change while the filter runs."""
 
     def __init__(
-        self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams, *, is_ready: bool = True
+        self, geometry: Geometry, camera_height: float, params: FilterParams, *, is_ready: bool = True
     ) -> None:
         """`camera_height` m above the ground, unless the parameter of that name is set.
 
@@ -59,7 +59,7 @@ class Site:
         if height < MIN_HEIGHT_M:
             expected = "camera_height: expected that of the camera above the ground (or a mounting that tells it)"
             raise ValueError(f"{expected}, {MIN_HEIGHT_M:g} m or more, found {height:g} m")
-        points = sample_surface(geometry, MESH_STEP).points if isinstance(geometry, TriangleMesh) else geometry.points
+        points = sample_surface(geometry, MESH_STEP).points if geometry.is_mesh else geometry.points
         name = hashlib.sha256(points.tobytes()).hexdigest()
         self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
         self.depth_map = DepthMap(self.synthesizer, Ground(points).heights, height, params, name)

@@ -68,32 +68,27 @@ def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max
 
 
 def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> BeliefVerdict:
-    best = hypotheses[0]
-    second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
+    best, *others = hypotheses
+    second = others[0].weight if others else 0.0
     limit = EVEN_ODDS if proof.is_held else max_chance
-    alike = proof.survey.alike() if proof.survey is not None else ()
-    if len(alike):
-        names = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in alike)
-        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, names), is_bad=True)
-    if second >= AMBIGUOUS_SHARE * best.weight:
-        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
-    if best.weight < MIN_WEIGHT:
-        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.weight, MIN_WEIGHT, "belief in one place"), True)
-    if best.sigma_m > MAX_SIGMA_M:
-        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.sigma_m, MAX_SIGMA_M, "spread in m"), True)
-    if best.sigma_rad > MAX_SIGMA_RAD:
-        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"), True)
-    if not proof.agrees:
-        detail = "another place fits the last images better"
-        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
-    if proof.p_chance >= limit:
-        detail = "probability that the place is chance"
-        return BeliefVerdict(Verdict(Reason.OUTLIERS, proof.p_chance, limit, detail), is_bad=True)
+    alike = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in proof.alike())
+    another, chance = "another place fits the last images better", "probability that the place is chance"
+    spread = Reason.NO_CONVERGENCE
+    faults = {
+        Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, alike): proof.is_in_map,
+        Verdict(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE): second >= AMBIGUOUS_SHARE * best.weight,
+        Verdict(spread, best.weight, MIN_WEIGHT, "belief in one place"): best.weight < MIN_WEIGHT,
+        Verdict(spread, best.sigma_m, MAX_SIGMA_M, "spread in m"): best.sigma_m > MAX_SIGMA_M,
+        Verdict(spread, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"): best.sigma_rad > MAX_SIGMA_RAD,
+        Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, another): not proof.agrees_with(best.pose),
+        Verdict(Reason.OUTLIERS, proof.p_chance, limit, chance): proof.p_chance >= limit,
+    }
+    if any(faults.values()):
+        return BeliefVerdict(next(fault for fault, is_so in faults.items() if is_so), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
         finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
         return BeliefVerdict(finding, num_images=0)
-    is_joint = proof.survey is not None and proof.survey.is_of_rooms
-    return BeliefVerdict(num_images=PROVEN_IMAGES if is_joint else 1)
+    return BeliefVerdict(num_images=PROVEN_IMAGES if proof.is_of_rooms else 1)
 
 
 def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:

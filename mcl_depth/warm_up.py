@@ -9,7 +9,7 @@ import numpy as np
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.kernels import decompress_lzf
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.likeness.comparison import num_alpha_for, similarity_many
+from mcl_depth.likeness.comparison import compare_gradients, num_alpha_for
 from mcl_depth.likeness.features import depth_features_many, visual_features
 from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.params import FilterParams, SynthesisParams
@@ -26,8 +26,8 @@ def warm_up(params: FilterParams) -> None:
     ranges = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns)).synthesize_many(np.zeros((2, 3)))
     gray = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     stack = depth_features_many(ranges, params.comparison)
-    for is_seen in (None, gray > 10.0):
-        similarity_many(visual_features(gray, is_seen), stack, num_headings, np.arange(len(stack)))
+    for is_seen in (True, gray > 10.0):
+        compare_gradients(visual_features(gray, is_seen), stack, np.arange(len(stack)), num_headings)
     GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     decompress_lzf(np.frombuffer(bytes(2), np.uint8), np.empty(1, np.uint8))  # as a file is read
     photometric.warm_up()

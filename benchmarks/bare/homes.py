@@ -29,9 +29,9 @@ from cycab_sim.world.mesh import Finish, MeshBuilder
 from cycab_sim.world.texture import kernels as k
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
+from mcl_depth.geometry.cloud import Geometry
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import WallSurface, mesh_of
-from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
@@ -63,7 +63,7 @@ HEAD = ("map", "walks", "within 1 m", "within 0.5 m", "published", "wrong poses"
 class Home:
     """A plan as a map, and pictures of its rooms: images (K, H, W), poses x, y, yaw (K, 3)."""
 
-    plan: TriangleMesh
+    plan: Geometry
     images: NDArray[np.uint8]
     poses: Array
 
@@ -292,7 +292,7 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def walk(plan: TriangleMesh, seen: Home, count: int, seed: int) -> list[Trial]:
+def walk(plan: Geometry, seen: Home, count: int, seed: int) -> list[Trial]:
     """Walk from so many panoramas; images of another home are wrong wherever they are claimed to be."""
     site, found = Site(plan, HEIGHT, FilterParams()), []
     for number in range(count):
@@ -313,9 +313,7 @@ def read_home(folder: Path) -> Home:
             yaw = np.radians(90.0 + float(row["rotation_deg"]))  # the centre column looks along the local y axis
             poses.append((float(row["x_m"]), float(row["y_m"]), yaw))
             images.append(np.ascontiguousarray(image[:, ::-1]))
-    plan = read_geometry(folder / "surfaces.csv")
-    assert isinstance(plan, TriangleMesh)
-    return Home(plan, np.stack(images), np.array(poses))
+    return Home(read_geometry(folder / "surfaces.csv"), np.stack(images), np.array(poses))
 
 
 def steps(seen: Home, start: int, seed: int) -> Iterator[Step]:

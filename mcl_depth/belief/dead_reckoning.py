@@ -6,7 +6,7 @@ import numpy as np
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
-from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
+from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion, way_of
 from mcl_depth.constants import MAX_SIGMA_CELLS, MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
@@ -49,7 +49,7 @@ class DeadReckoning:
         motion = _motion(self._compared_at, observation)
         if motion is None:
             return False
-        return abs(motion[2]) < MIN_TURN and float(np.hypot(motion[0], motion[1])) < self._params.min_way
+        return abs(motion[2]) < MIN_TURN and way_of(motion) < self._params.min_way
 
     def propagate(self, observation: Observation) -> tuple[Array, Array]:
         """Return x, y, yaw (3,) at an image and their covariance (3, 3), which grows on the way."""
@@ -57,7 +57,7 @@ class DeadReckoning:
         motion = _motion(self._confirmed_at, observation)
         if motion is None:
             return self.best.pose, self.best.covariance
-        way = float(np.hypot(motion[0], motion[1]))
+        way = way_of(motion)
         turn = np.radians(self._noise.drift_deg) * np.sqrt(way)
         side = self._noise.way_share * way + 0.5 * turn * way
         growth = np.diag(np.array([side, side, turn]) ** 2)

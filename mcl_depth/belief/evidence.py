@@ -5,7 +5,7 @@ is how well the rest of the map fits the same images. So each image is compared 
 (`likeness/gradient_filter.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
 The best place of the map is then held against two things. Drives that are not in the map are made of the same images
-(`joint_evidence.ControlDrives`): what they reach by chance, the drive itself reaches by chance, in n images more or
+(`joint_evidence.Drives`): what they reach by chance, the drive itself reaches by chance, in n images more or
 less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
 by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
 are alike.
@@ -14,7 +14,7 @@ are alike.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, Field, JointEvidence
-from mcl_depth.belief.motion_model import planar_pose
+from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, Field
+from mcl_depth.belief.motion_model import planar_pose, way_of
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.belief.watch import CusumTest, WaldTest, excess
+from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
     CHANCE_SIGMA,
@@ -37,9 +37,7 @@ from mcl_depth.constants import (
     MAX_HYPOTHESES,
     MAX_TRIAL,
     MIN_PATCH,
-    MOVED_SHARE,
     NEAR,
-    NEW_SHARE,
     NUM_MAXIMA,
     OFF_MAP,
     PATCH,
@@ -54,62 +52,45 @@ from sphere_nav.localization.status import FINE
 
 
 @dataclass(frozen=True)
-class Survey:
-    """What the last images say of the whole map: poses (K, 3) of its best places, best first, and shares (K,) of 1.
+class Proof:
+    """How often chance would look like a place: the best of the map, or one that is held or on trial.
 
-    `p_chance` is the probability that the first of them leads so far by chance; `tolerance_m` is how far off it may
-    be.
+    A held place was proven before, and is only to be kept. Where the map was searched, poses (K, 3) are its best
+    places, best first, and shares (K,) of 1; `tolerance_m` is how far off the first of them may be.
     """
 
     p_chance: float
-    poses: Array
-    shares: Array
-    tolerance_m: float
+    is_held: bool = False
+    poses: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    shares: Array = field(default_factory=lambda: np.zeros(0))
+    tolerance_m: float = 0.0
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
     is_of_rooms: bool = False  # of a drive through more than one room
+
+    @property
+    def is_of_map(self) -> bool:
+        """Whether the map was searched."""
+        return len(self.poses) > 0
 
     def alike(self) -> Array:
         """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
         return self.poses[: 2 if self.is_in_map else 0]
 
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Return its best places; each is as sharp as the grid."""
+    def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+        """Return the best places of the map where it was searched, each as sharp as the grid; else the hypotheses."""
+        if not self.is_of_map:
+            return tuple(hypotheses)
         covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
         best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
         return tuple(Hypothesis(pose, covariance, float(share)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
-        """Whether a pose (3,) is the best place."""
+        """Whether a pose (3,) is the best place of the map, where that was searched."""
+        if not self.is_of_map:
+            return True
         off = pose - self.poses[0]
-        is_near = float(np.hypot(off[0], off[1])) <= self.tolerance_m
-        return is_near and abs(float(wrap_angle(off[2]))) <= np.radians(30.0)
-
-
-@dataclass(frozen=True)
-class Proof:
-    """How often chance would look like the belief's place, and whether that is the best place of the map.
-
-    `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map, nor
-    while a place that was given is on trial.
-    """
-
-    p_chance: float
-    agrees: bool = True
-    is_held: bool = False
-    survey: Survey | None = None
-
-    def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-        """Return the best places of the map where it was searched, else those of the belief."""
-        return self.survey.hypotheses() if self.survey is not None else tuple(hypotheses)
-
-    @property
-    def share_of_new(self) -> float:
-        """Return the share of the particles that are put to the best places of the survey: most, to one that is proven.
-
-        What its places tell is joint, what particles tell is of the last images.
-        """
-        return MOVED_SHARE if self.survey is not None and self.survey.is_proven else NEW_SHARE
+        return way_of(off) <= self.tolerance_m and abs(float(wrap_angle(off[2]))) <= np.radians(30.0)
 
 
 class Evidence:
@@ -118,19 +99,16 @@ class Evidence:
     def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
         """`max_chance`: a place that was accepted is chance so often."""
         self._grid, self._max_chance = grid, max_chance
-        self.joint = JointEvidence(grid.edge, grid.diagonal)
-        self.controls = ControlDrives(grid.edge, grid.diagonal)
-        self._watch = CusumTest()
+        self._drives = Drives(grid.edge, grid.diagonal)
         self.reset()
 
     def reset(self, *, is_given: bool = False) -> None:
         """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
-        self.joint.reset()
-        self.controls.reset()
-        self._watch.reset()
-        self._trial = WaldTest() if is_given else None
+        self._drives.reset()
+        self._watch = self._test(is_held=True)
+        self._trial = self._test() if is_given else None
         self._num_left = MAX_TRIAL  # images until a trial that is still open ends
-        self._retrial: WaldTest | None = None  # of a held place that is doubted
+        self._retrial: PlaceTest | None = None  # of a held place that is doubted
         self.doubt = FINE  # why
         self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
 
@@ -149,30 +127,28 @@ class Evidence:
         self.place = None
         if is_held and seen.is_known:
             return Proof(self.watch(comparison, pose), is_held=True)
-        self._watch.reset()
+        self._watch = self._test(is_held=True)
         self._retrial = None
         if self._trial is not None and self._is_open(self._trial, comparison, pose):
             self.place = pose if self._trial.p_chance < EVEN_ODDS else None
             return Proof(self._trial.p_chance)
         self._trial = None
         T_odom_level = seen.observation.T_odom_level
-        survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        self.place = survey.poses[0] if survey.is_proven else None
-        return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
+        proof = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
+        self.place = proof.poses[0] if proof.is_proven else None
+        return proof
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
-        tests: list[CusumTest | WaldTest] = [self._watch]
-        if self._retrial is not None:
-            tests.append(self._retrial)
-        self._add_to(tests, comparison, pose)
-        if self._retrial is not None and self._retrial.p_chance < self._max_chance:
+        self._add_to([test for test in (self._watch, self._retrial) if test is not None], comparison, pose)
+        if self._retrial is not None and self._retrial.is_confirmed:
             self._retrial = None
-        if self._retrial is not None and self._retrial.is_refused(self._max_chance):
-            return 1.0
-        return self._watch.p_chance(self._max_chance)
+        return 1.0 if self._retrial is not None and self._retrial.is_refused() else self._watch.p_chance
 
-    def _is_open(self, trial: WaldTest, comparison: Comparison, pose: Array) -> bool:
+    def _test(self, *, is_held: bool = False) -> PlaceTest:
+        return PlaceTest(self._max_chance, is_held=is_held)
+
+    def _is_open(self, trial: PlaceTest, comparison: Comparison, pose: Array) -> bool:
         """Add an image to a trial of a pose (3,); return whether the place is not refused.
 
         Particles seek what fits, so a wrong place that is given enough images finds some: a trial that stays open ends.
@@ -182,8 +158,7 @@ class Evidence:
             trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
         else:
             self._add_to([trial], comparison, pose)
-        is_decided = trial.p_chance < self._max_chance
-        return is_decided or (self._num_left > 0 and not trial.is_refused(self._max_chance))
+        return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused())
 
     def _weigh(self, seen: Reconciled) -> None:
         """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
@@ -195,12 +170,12 @@ class Evidence:
         elif seen.is_contradicted:
             if self.doubt is FINE:
                 self._watch.suspect()
-                self._retrial = WaldTest()
+                self._retrial = self._test()
             self.doubt = seen.finding
         elif self._retrial is None:
             self.doubt = FINE
 
-    def _add_to(self, tests: Sequence[CusumTest | WaldTest], comparison: Comparison, pose: Array) -> None:
+    def _add_to(self, tests: Sequence[PlaceTest], comparison: Comparison, pose: Array) -> None:
         """Tell tests how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
@@ -213,19 +188,25 @@ class Evidence:
             for test in tests:
                 test.add(found)
 
-    def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
+    def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field = standardize(comparison.survey(self._grid.positions), self._grid)
-        joint = self.joint.add(field, odometry)
+        field, mirrored = (
+            standardize(one.survey(self._grid.positions), self._grid) for one in (comparison, comparison.mirrored)
+        )
+        joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
-        mirrored = standardize(comparison.mirrored.survey(self._grid.positions), self._grid)
-        level = self.controls.add(field, mirrored, odometry, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
-        is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
-        is_proven = p_chance < self._max_chance
-        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, is_proven, level.way_m >= ROOM_M)
+        return Proof(
+            p_chance,
+            poses=poses,
+            shares=shares / shares.sum(),
+            tolerance_m=tolerance,
+            is_in_map=p_elsewhere < self._max_chance <= p_chance and len(poses) > 1,
+            is_proven=p_chance < self._max_chance,
+            is_of_rooms=level.way_m >= ROOM_M,
+        )
 
 
 def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:

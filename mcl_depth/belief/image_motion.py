@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion
+from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion, way_of
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     IMAGE_DRIFT,
@@ -106,18 +106,18 @@ class ImageMotion:
         One that was not found has no weight; how well the image fits there tells whether it is of another place. Of a
         way that is long by what is seen an alignment says nothing: a room looks another from its other end.
         """
-        if self._view is None or _way(guess) > self._reach_m:
+        if self._view is None or way_of(guess) > self._reach_m:
             return None
         image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
         pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
         T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
-        T_before_level = SE3.from_planar(*(float(value) for value in guess))
+        T_before_level = SE3.from_planar(*guess)
         found = register(pyramid, [self._view], T_before_level @ T_level_camera, REGISTRATION)
         if not found.is_converged:
             return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
         motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
         Ad = T_level_camera.adjoint()
-        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(_way(motion))
+        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way_of(motion))
         return ImageStep(motion, covariance, found.ncc)
 
 
@@ -153,7 +153,7 @@ class ReconciledOdometry:
         if self._fit is not None:
             share, (ncc, motion, seen) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
             self._usual_ncc += share * (ncc - self._usual_ncc)
-            self._usual_way += share * (_way(motion) - self._usual_way)
+            self._usual_way += share * (way_of(motion) - self._usual_way)
             if ncc >= MIN_NCC:
                 self.scale.add(motion, seen)
         if pose is None:
@@ -177,7 +177,7 @@ class ReconciledOdometry:
         motion = relative_motion(before, raw)
         finding, fused, is_known, is_verified = self._compare(observation, motion)
         self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
-        observation = replace(observation, T_odom_level=SE3.from_planar(*(float(value) for value in self._now[1])))
+        observation = replace(observation, T_odom_level=SE3.from_planar(*self._now[1]))
         return (
             Reconciled(observation, finding, is_known, is_verified)
             if is_held
@@ -190,7 +190,7 @@ class ReconciledOdometry:
         An image that cannot be aligned says something only where such images usually can.
         """
         self._fit = None
-        step, way = self._images.measure(observation, motion), _way(motion)
+        step, way = self._images.measure(observation, motion), way_of(motion)
         if step is None:
             return FINE, motion, True, False
         if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
@@ -224,7 +224,7 @@ class ScaleCheck:
         self._product += float(motion[:2] @ seen[:2])
         self._square += square
         self._fourth += square**2
-        self._way += _way(motion)
+        self._way += way_of(motion)
 
     @property
     def value(self) -> float:
@@ -244,12 +244,8 @@ class ScaleCheck:
 
 def describe_difference(motion: Array, seen: Array) -> tuple[str, str]:
     """Return how a motion (3,) by odometry and that by images differ, in words, and what to check."""
-    words, remedy = f"odometry says {_way(motion):.2f} m, the images {_way(seen):.2f} m", REMEDY
+    words, remedy = f"odometry says {way_of(motion):.2f} m, the images {way_of(seen):.2f} m", REMEDY
     angle = float(wrap_angle(np.arctan2(seen[1], seen[0]) - np.arctan2(motion[1], motion[0])))
-    if min(_way(motion), _way(seen)) > SHARP_M and abs(angle) > MIN_MOUNTING_ERROR:
+    if min(way_of(motion), way_of(seen)) > SHARP_M and abs(angle) > MIN_MOUNTING_ERROR:
         words, remedy = f"{words} at {np.degrees(angle):+.0f} deg to it", REMEDY_MOUNTING
     return f"{words}: sigmas", remedy
-
-
-def _way(motion: Array) -> float:
-    return float(np.hypot(motion[0], motion[1]))

@@ -13,16 +13,17 @@ metre, so the second of two that are nearer says only what is left. An image cou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from mcl_depth.belief.motion_model import relative_motion
+from mcl_depth.belief.motion_model import relative_motion, way_of
 from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
 
-Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
+Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
 
 
 class JointEvidence:
@@ -47,7 +48,7 @@ class JointEvidence:
         """
         if self.total is None or odometry is None or self._last is None:
             self.total, self.num_images, self._num_images = field.copy(), 1.0, 1.0
-            self._rests, self._turn = np.zeros((len(field), 2)), 0.0
+            self._rests, self._turn = np.zeros((field.shape[-3], 2)), 0.0
         else:
             motion = relative_motion(self._last, odometry)
             news = self._news(motion)
@@ -60,12 +61,13 @@ class JointEvidence:
 
     def _news(self, motion: Array) -> float:
         """Return how much of an image counts after a motion (3,), 0 to 1."""
-        return min(float(np.hypot(motion[0], motion[1])) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)
+        return min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)
 
     def _propagate(self, total: Field, motion: Array) -> Field:
         """Return the sum for the poses after a motion (3,) in the vehicle's axes."""
-        step = 2.0 * np.pi / len(total)
-        angles = step * np.arange(len(total)) + self._turn
+        count = total.shape[-3]
+        step = 2.0 * np.pi / count
+        angles = step * np.arange(count) + self._turn
         cosines, sines = np.cos(angles), np.sin(angles)
         self._rests[:, 0] += cosines * motion[0] - sines * motion[1]
         self._rests[:, 1] += sines * motion[0] + cosines * motion[1]
@@ -74,7 +76,7 @@ class JointEvidence:
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = shift_headings(total, shifts, turn)  # of a place that was off the map nothing is known
-        for _ in range(self._num_steps(float(np.hypot(motion[0], motion[1])))):
+        for _ in range(self._num_steps(way_of(motion))):
             moved = relax(moved)
         return moved
 
@@ -91,17 +93,17 @@ def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:
     """Return field[a, x, y] at [a + turn, x + shifts[a, 0], y + shifts[a, 1]]; 0 where nothing comes from."""
     moved = np.zeros_like(field)
     for a, shift in enumerate(shifts.tolist()):
-        sides = list(zip(shift, field.shape[1:], strict=True))
-        to = tuple(slice(max(step, 0), max(side + min(step, 0), 0)) for step, side in sides)
-        source = tuple(slice(max(-step, 0), max(side - max(step, 0), 0)) for step, side in sides)
-        moved[(a + turn) % len(field)][to] = field[a][source]
+        sides = list(zip(shift, field.shape[-2:], strict=True))
+        to: Any = tuple(slice(max(step, 0), max(side + min(step, 0), 0)) for step, side in sides)
+        source: Any = tuple(slice(max(-step, 0), max(side - max(step, 0), 0)) for step, side in sides)
+        moved[(..., (a + turn) % len(shifts), *to)] = field[(..., a, *source)]
     return moved
 
 
 def relax(field: Field) -> Field:
     """Return the best of each element, its neighbouring headings less COST, and the neighbouring cells of these."""
-    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)) - COST)
-    beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (1, 2)]
+    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=-3), np.roll(field, -1, axis=-3)) - COST)
+    beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (-2, -1)]
     best: Field = np.maximum(turned, np.maximum(*beside) - COST)
     return best
 
@@ -116,8 +118,8 @@ class EvidenceLevel:
     way_m: float  # the largest distance from where the drive began
 
 
-class ControlDrives:
-    """Drives of the same images that are not in the map, to tell by what one reaches that may be there.
+class Drives:
+    """The drive, and drives of the same images that are not in the map, to tell by what one reaches that may be there.
 
     One is the drive in a mirror. It is of the same kind in all, but where a room is its own mirror image it fits that
     room. The others see each image turned from the way by a right angle or two: they fit no room for long.
@@ -125,27 +127,27 @@ class ControlDrives:
 
     def __init__(self, edge: float, new_way: float) -> None:
         """As `JointEvidence`."""
-        self._mirrored = JointEvidence(edge, new_way)
-        self._turned = {share: JointEvidence(edge, new_way) for share in TURNS}
+        self._ahead, self._mirrored = JointEvidence(edge, new_way), JointEvidence(edge, new_way)
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
-        for drive in (self._mirrored, *self._turned.values()):
-            drive.reset()
-        self.level = EvidenceLevel(0.0, 0.0, 0.0, 0.0)
+        self._ahead.reset()
+        self._mirrored.reset()
         self._begin: Array | None = None  # odometry
+        self._way_m = 0.0
 
-    def add(self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> EvidenceLevel:
-        """Add an image, and its mirror image, taken at `odometry` (3,); return what the drives reach in the map."""
-        away = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
-        best = [float(self._mirrored.add(mirrored, away)[:, mask].max())]
-        for share, drive in self._turned.items():
-            turned = np.roll(field, round(share * len(field)), axis=0)
-            best.append(float(drive.add(turned, odometry)[:, mask].max()))
-        way = 0.0
-        if odometry is not None:
+    def add(
+        self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]
+    ) -> tuple[Field, EvidenceLevel]:
+        """Add an image and its mirror image, taken at `odometry` (3,); return the sum, and what the others reach."""
+        turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
+        total, *others = self._ahead.add(np.stack([field, *turned]), odometry)
+        away = self._mirrored.add(mirrored, None if odometry is None else odometry * np.array([1.0, -1.0, -1.0]))
+        if odometry is None:
+            self._way_m = 0.0
+        else:
             self._begin = odometry if self._begin is None else self._begin
-            way = max(self.level.way_m, float(np.hypot(*(odometry - self._begin)[:2])))
-        self.level = EvidenceLevel(best[0], float(np.mean(best[1:])), self._mirrored.num_images, way)
-        return self.level
+            self._way_m = max(self._way_m, way_of(odometry - self._begin))
+        reached, *turned_reach = (float(one[:, mask].max()) for one in (away, *others))
+        return total, EvidenceLevel(reached, float(np.mean(turned_reach)), self._ahead.num_images, self._way_m)

@@ -36,6 +36,11 @@ def planar_pose(pose: SE3) -> Array:
     return np.array([*pose.translation[:2], float(pose.yaw)])
 
 
+def way_of(motion: Array) -> float:
+    """Return the way in m of a motion (3,) or a pose (3,)."""
+    return float(np.hypot(motion[0], motion[1]))
+
+
 def relative_motion(before: Array, after: Array) -> Array:
     """Return the motion (3,) from one planar pose to another in the axes of the first."""
     cosine, sine = np.cos(before[2]), np.sin(before[2])
@@ -77,7 +82,7 @@ class MotionModel:
         if before[1] is None or T_odom_level is None or not is_known:
             return self._unknown(seconds)
         motion = relative_motion(planar_pose(before[1]), planar_pose(T_odom_level))
-        way = float(np.hypot(motion[0], motion[1]))
+        way = way_of(motion)
         if not way <= self._params.max_speed * seconds + MAX_LEAP:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
         return Step(motion, self.sigmas(motion))
@@ -89,7 +94,7 @@ class MotionModel:
 
     def sigmas(self, motion: Array, least: float | None = None) -> Array:
         """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m stands for `min_sigma`."""
-        p, way, turn = self._params, float(np.hypot(motion[0], motion[1])), float(motion[2])
+        p, way, turn = self._params, way_of(motion), float(motion[2])
         least = p.min_sigma if least is None else least
         along = np.hypot(p.way_share * way, least)
         across = np.hypot(SIDE_SHARE * p.way_share * way, least)

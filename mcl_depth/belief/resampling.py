@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.evidence import Survey
+from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.constants import (
@@ -21,6 +21,7 @@ from mcl_depth.constants import (
     KLD_Z,
     MIN_EFFECTIVE_SHARE,
     MIN_PARTICLES,
+    MOVED_SHARE,
     NEW_SHARE,
     NEW_SIGMA,
     NUM_YOUNG,
@@ -141,15 +142,14 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
     return Particles.of_equal_weight(poses, NUM_YOUNG)
 
 
-def inject_at_places(
-    particles: Particles, survey: Survey, rng: np.random.Generator, share: float = NEW_SHARE
-) -> Particles:
-    """Return the set with a share of its particles, drawn by lot, put around the best places of a survey.
+def inject_at_places(particles: Particles, proof: Proof, rng: np.random.Generator) -> Particles:
+    """Return the set with a share of its particles, drawn by lot, put around the best places of the map.
 
-    A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings of the survey.
+    A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings found there. Most are put to a
+    place that is proven: what the map's places tell is joint, what particles tell is of the last images.
     """
-    count = int(share * len(particles))
-    poses = survey.poses[rng.choice(len(survey.poses), count, p=survey.shares)]
+    count = int((MOVED_SHARE if proof.is_proven else NEW_SHARE) * len(particles))
+    poses = proof.poses[rng.choice(len(proof.poses), count, p=proof.shares)]
     poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
     poses[:, 2] = wrap_angle(poses[:, 2])
     return particles.replace_some(rng.choice(len(particles), count, replace=False), poses, NUM_YOUNG)

@@ -47,54 +47,46 @@ def excess(patch: Patch, heading: int) -> float:
     return float((best[heading] - others.mean()) / max(float(others.std()), 1e-9))
 
 
-class CusumTest:
-    """The cumulative sum for a held place."""
+class PlaceTest:
+    """The log odds that a place is not the right one, image by image.
 
-    def __init__(self) -> None:
-        self.reset()
+    A held place was right: the odds fall no lower than at first, so that they rise with the first images that speak
+    against it, and what the images of a right place give is learned. A place on trial is as probably right as wrong.
+    """
 
-    def reset(self) -> None:
-        """Begin with another place."""
-        self.log_ratio = 0.0  # of the likelihood of a random place to that of the right one
+    def __init__(self, max_chance: float, *, is_held: bool) -> None:
+        """`max_chance`: a place that was accepted is chance so often; one is refused by as much."""
+        self._max_chance, self._is_held = max_chance, is_held
+        self._least = float(np.log(max_chance / max(1.0 - max_chance, 1e-12))) if is_held else -np.inf
         self._mean, self._variance = FIRST_MEAN, FIRST_SIGMA**2
+        self._log_odds = self._least if is_held else 0.0
 
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
         step = log_ratio_of(value, self._mean, self._variance)
-        if step < 0.0:
+        if step < 0.0 and self._is_held:
             off = min(value, MAX_EXCESS) - self._mean
             self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
             self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
-        self.log_ratio = max(self.log_ratio + step, 0.0)
+        self._log_odds = max(self._log_odds + (step if self._is_held else NEWS * step), self._least)
 
     def suspect(self) -> None:
         """Count the worst that an image can say of the place: the vehicle may have been carried off."""
-        self.log_ratio += MAX_LOG_RATIO_STEP
-
-    def p_chance(self, prior: float) -> float:
-        """Return the probability that the place is not the right one (any more), from that before the first image."""
-        odds = prior / max(1.0 - prior, 1e-12) * np.exp(min(self.log_ratio, 50.0))
-        return float(odds / (1.0 + odds))
-
-
-class WaldTest:
-    """Wald's test of a place that was given: right or not, until one of them is as sure as is asked."""
-
-    def __init__(self) -> None:
-        self._log_ratio = 0.0  # of the likelihood of a random place to that of the right one
-
-    def add(self, value: float) -> None:
-        """Add the excess that an image gives."""
-        self._log_ratio += NEWS * log_ratio_of(value, FIRST_MEAN, FIRST_SIGMA**2)
+        self._log_odds += MAX_LOG_RATIO_STEP
 
     @property
     def p_chance(self) -> float:
         """Probability that the place is not the right one."""
-        return float(1.0 / (1.0 + np.exp(np.clip(-self._log_ratio, -50.0, 50.0))))
+        return float(1.0 / (1.0 + np.exp(np.clip(-self._log_odds, -50.0, 50.0))))
 
-    def is_refused(self, max_chance: float) -> bool:
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether it is as surely right as a place that is accepted."""
+        return self.p_chance < self._max_chance
+
+    def is_refused(self) -> bool:
         """Whether it is as surely wrong as a place that is accepted is right."""
-        return self._log_ratio > np.log(1.0 / max_chance)
+        return bool(self._log_odds > np.log(1.0 / self._max_chance))
 
 
 def log_ratio_of(value: float, mean: float, variance: float) -> float:

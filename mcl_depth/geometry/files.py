@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_COORDINATE_M
-from mcl_depth.geometry.cloud import Cloud, cloud_from_points
+from mcl_depth.geometry.cloud import Geometry, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
 from mcl_depth.geometry.las import count_las, read_las
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
-from mcl_depth.geometry.ply import read_ply
+from mcl_depth.geometry.ply import points_of, read_ply
 from mcl_depth.geometry.survey_frame import SurveyFrame, declared_unit, find_frame, survey_box
 from mcl_depth.geometry.tiles import Thinner, in_box
 from mcl_depth.params import SurveyParams
@@ -28,9 +28,7 @@ MAX_COORDINATE = 1e3 * MAX_COORDINATE_M  # of a file, which may be in millimetre
 E57_BYTES, E57_RATIO, E57_S = 1 << 30, 24, 30.0  # memory of its process, beside that by the size of the file; seconds
 
 
-def read_geometry(
-    path: str | Path, survey: SurveyParams | None = None, limits: Array | None = None
-) -> Cloud | TriangleMesh:
+def read_geometry(path: str | Path, survey: SurveyParams | None = None, limits: Array | None = None) -> Geometry:
     """Read .ply (points, or a mesh where there are faces), .pcd, .las, .laz, .npy (N, 3+), .e57, or a floor plan .csv.
 
     Points come in metres, z up, near the origin (`survey_frame.py`); what was done to them is among the warnings.
@@ -42,14 +40,12 @@ def read_geometry(
     open_file(path, f"map ({', '.join(ENDINGS)})", MAX_ARRAY_BYTES).close()  # no FIFO, no device
     if path.suffix.lower() == ".csv":
         return read_floor_plan(path)
-    points, triangles, unit = _read_points(path)
-    frame = find_frame(points, survey, str(path), unit, is_mesh=len(triangles) > 0)
+    points, triangles = _read_points(path)
+    frame = find_frame(points, survey, str(path), declared_unit(path), is_mesh=len(triangles) > 0)
     return _tell_share(_in_frame(points, triangles, frame, path), [path])
 
 
-def _in_frame(
-    points: NDArray[np.floating], triangles: NDArray[np.int64], frame: SurveyFrame, path: Path
-) -> Cloud | TriangleMesh:
+def _in_frame(points: NDArray[np.floating], triangles: NDArray[np.int64], frame: SurveyFrame, path: Path) -> Geometry:
     points, name = frame.apply(points), str(path)
     made = mesh_from_faces(points, triangles, name) if len(triangles) else cloud_from_points(points, name)
     notes = (*made.warnings, frame.words) if frame.words else made.warnings
@@ -58,7 +54,7 @@ def _in_frame(
     )
 
 
-def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Cloud | TriangleMesh:
+def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Geometry:
     """Return the points of all tiles in a folder, as far as a map of `limits` (x0, y0, x1, y1) m needs them."""
     kept, units = Thinner(), dict[str, Path]()
     tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in TILE_ENDINGS)
@@ -67,9 +63,9 @@ def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Clo
     for tile in tiles:
         unit = survey.unit if survey.unit != "auto" else declared_unit(tile)
         box = survey_box(survey, limits, unit)
-        points, _, declared = _read_points(tile, box)
+        points = _read_points(tile, box)[0]
         kept.add(points if box is None else points[in_box(points, box)])
-        units.setdefault(unit or declared, tile)
+        units.setdefault(unit, tile)
     if len(units) > 1:
         (first, second), (one, other) = list(units)[:2], list(units.values())[:2]
         raise ValueError(
@@ -83,41 +79,43 @@ def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Clo
     return _tell_share(made, tiles)
 
 
-def _tell_share(made: Cloud | TriangleMesh, files: list[Path]) -> Cloud | TriangleMesh:
+def _tell_share(made: Geometry, files: list[Path]) -> Geometry:
     """Say how many of a survey's points are used, where those are not all."""
     total = sum(count_las(path) for path in files if path.suffix.lower() in (".las", ".laz"))
-    if isinstance(made, TriangleMesh) or total <= len(made):
+    if total <= len(made.points):
         return made
-    return replace(made, warnings=(*made.warnings, f"{made.name}: {len(made)} of {total} points, evenly over space"))
+    return replace(
+        made, warnings=(*made.warnings, f"{made.name}: {len(made.points)} of {total} points, evenly over space")
+    )
 
 
-def _read_points(path: Path, box: Array | None = None) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
-    """Return points (N, 3) as the file has them, triangles (T, 3), and the unit that it declares, if any.
+def _read_points(path: Path, box: Array | None = None) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+    """Return points (N, 3) as the file has them, and triangles (T, 3).
 
     Of a .las, only what lies within `box` (x0, y0, x1, y1). ValueError for a number that is no coordinate of the Earth.
     """
-    points, triangles, unit = _parse(path, box)
+    points, triangles = _parse(path, box)
     with np.errstate(invalid="ignore"):
         absurd = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1) & np.isfinite(points).all(axis=1))
     if absurd.size:
         found = f"{points[absurd[0]].tolist()}"
         raise ValueError(f"{path}: point {absurd[0]}: expected coordinates up to {MAX_COORDINATE:g}, found {found}")
-    return points, triangles, unit
+    return points, triangles
 
 
-def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
+def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
     nothing = np.zeros((0, 3), np.int64)
     match path.suffix.lower():
         case ".ply":
-            return *read_ply(path), ""
+            return read_ply(path)
         case ".pcd":
-            return read_pcd(path), nothing, ""
+            return read_pcd(path), nothing
         case ".las" | ".laz":
-            return read_las(path, box), nothing, declared_unit(path)
+            return read_las(path, box), nothing
         case ".e57":
-            return _read_e57(path), nothing, "m"
+            return _read_e57(path), nothing
         case ".npy":
-            return _read_npy(path), nothing, ""
+            return _read_npy(path), nothing
         case other:
             raise ValueError(f"{path}: expected a file {', '.join(ENDINGS)}, found {other or 'no ending'}")
 
@@ -146,7 +144,7 @@ def read_scans(path: Path) -> NDArray[np.float64]:
 def _read_npy(path: Path) -> NDArray[np.floating]:
     found = read_npy(path, "array (N, 3)")
     if found.dtype.names is not None and {"x", "y", "z"} <= set(found.dtype.names):
-        return np.stack([found[axis].ravel() for axis in "xyz"], axis=1)
+        return points_of(found)
     if found.ndim != 2 or found.shape[1] < 3 or found.dtype.kind not in "fiu":
         raise ValueError(f"{path}: expected numbers of shape (N, 3), found {found.dtype} {found.shape}")
     return np.asarray(found[:, :3], np.float64)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_OFF_WALL, MAX_SURFACES, MIN_PIECE, MIN_SILL, SAME_CORNER
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.geometry.cloud import Geometry
+from mcl_depth.geometry.mesh import mesh_from_faces
 from sphere_nav.geometry.files.untrusted import number, read_text, short
 
 KINDS = ("wall", "door", "window", "opening")
@@ -38,12 +39,12 @@ class WallSurface:
     top: float
 
 
-def read_floor_plan(path: Path) -> TriangleMesh:
+def read_floor_plan(path: Path) -> Geometry:
     """Read a floor plan as a mesh."""
     return mesh_of(list(read_surfaces(path)), str(path))
 
 
-def mesh_of(surfaces: list[WallSurface], name: str) -> TriangleMesh:
+def mesh_of(surfaces: list[WallSurface], name: str) -> Geometry:
     """Return the mesh of a floor plan's surfaces; ValueError without a wall."""
     triangles = [corners for room in dict.fromkeys(item.room for item in surfaces) for corners in _room(surfaces, room)]
     if not triangles:
@@ -86,7 +87,7 @@ def _room(surfaces: list[WallSurface], room: str) -> Iterator[Floats]:
     for ring in rings_of(walls):
         for triangle in _triangles(ring):
             for z in (min(wall.bottom for wall in walls), max(wall.top for wall in walls)):
-                yield np.column_stack([ring[triangle], np.full(3, z)])
+                yield np.column_stack([triangle, np.full(3, z)])
 
 
 def _wall(wall: WallSurface, holes: list[WallSurface]) -> Iterator[Floats]:
@@ -134,30 +135,16 @@ def rings_of(walls: list[WallSurface]) -> list[Floats]:
     return rings
 
 
-def _triangles(ring: Floats) -> list[list[int]]:
-    """Return the corners (3) of triangles that cover a simple polygon (N, 2), by cutting ears."""
-    x, y = ring.T
-    is_left = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) > 0
-    left = list(range(len(ring))) if is_left else list(range(len(ring)))[::-1]
-    found = []
-    while len(left) > 3:
-        ears = (i for i in range(len(left)) if _is_ear(ring, left, i))
-        i = next(ears, 0)  # a ring that crosses itself has none: cut anywhere
-        found.append([left[i - 1], left[i], left[(i + 1) % len(left)]])
-        del left[i]
-    return [*found, left]
-
-
-def _is_ear(ring: Floats, left: list[int], i: int) -> bool:
-    before, here, after = left[i - 1], left[i], left[(i + 1) % len(left)]
-    a, b, c = ring[before], ring[here], ring[after]
-    turn = _cross(b - a, c - b)
-    if turn <= 0:
-        return False
-    others = ring[[k for k in left if k not in (before, here, after)]]
-    sides = np.stack([_cross(q - p, others - p) for p, q in ((a, b), (b, c), (c, a))])
-    return not np.any(np.all(sides >= 0, axis=0))
-
-
-def _cross(p: Floats, q: Floats) -> Floats:
-    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+def _triangles(ring: Floats) -> Iterator[Floats]:
+    """Yield triangles (3, 2) that cover a polygon (N, 2): trapezoids between the heights of its corners, cut in two."""
+    ends = np.roll(ring, -1, axis=0)
+    for low, high in pairwise(np.unique(ring[:, 1])):
+        is_between = (np.minimum(ring, ends)[:, 1] <= low) & (np.maximum(ring, ends)[:, 1] >= high)
+        start, side = ring[is_between], (ends - ring)[is_between]
+        x = start[:, :1] + ([low, high] - start[:, 1:]) / side[:, 1:] * side[:, :1]  # of each side at both heights
+        x = x[np.argsort(x.sum(axis=1))]
+        for (left, above_left), (right, above_right) in zip(x[::2], x[1::2], strict=True):
+            if right > left:
+                yield np.array([(left, low), (right, low), (above_right, high)])
+            if above_right > above_left:
+                yield np.array([(left, low), (above_right, high), (above_left, high)])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_HEADER, MAX_LZF_RATIO
 from mcl_depth.geometry import kernels
-from mcl_depth.geometry.ply import floats_of_text
+from mcl_depth.geometry.ply import floats_of_text, points_of
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, read_bytes
 
 TYPES = {"F4", "F8", "I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8"}
@@ -36,11 +36,12 @@ def read_pcd(path: Path) -> NDArray[np.float64]:
     if len(body) < size:
         raise ValueError(f"{path}: POINTS: expected {header.count} points in {size} bytes, found {len(body)} bytes")
     if header.form != "binary_compressed":
-        table = np.frombuffer(body, header.row, header.count)
-        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    kinds = [header.row.fields[axis][:2] for axis in "xyz"]  # type: ignore[index]
-    columns = [np.frombuffer(body, kind, header.count, offset * header.count) for kind, offset in kinds]
-    return np.stack([column.astype(np.float64) for column in columns], axis=1)
+        return points_of(np.frombuffer(body, header.row, header.count))
+    columns = {}
+    for axis in "xyz":
+        kind, offset = header.row.fields[axis][:2]  # type: ignore[index]
+        columns[axis] = np.frombuffer(body, kind, header.count, offset * header.count)
+    return points_of(columns)
 
 
 def _header(path: Path, data: bytes) -> _Header:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +58,7 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             found = f"found {len(body) - start} bytes"
             raise ValueError(f"{path}: {item.name}: expected {item.count} rows of {row.itemsize} bytes, {found}")
         if item.name == "vertex":
-            table = np.frombuffer(body, row, item.count, start)
-            points = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+            points = points_of(np.frombuffer(body, row, item.count, start))
         start += item.count * row.itemsize
     else:
         if not order and start < len(body):
@@ -66,6 +66,11 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if not len(points):
         raise ValueError(f"{path}: header: expected vertices before elements with lists, found {elements[0].name}")
     return points, triangles
+
+
+def points_of(table: Any) -> NDArray[np.float64]:
+    """Return the points (N, 3) of a table with the columns x, y, z."""
+    return np.stack([table[axis].ravel().astype(np.float64) for axis in "xyz"], axis=1)
 
 
 def floats_of_text(path: Path, body: bytes) -> bytes:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import COARSENESS, NEAREST_M, SPLAT
 from mcl_depth.geometry import kernels
-from mcl_depth.geometry.cloud import Cloud
+from mcl_depth.geometry.cloud import Geometry
 from mcl_depth.geometry.surfels import means_of
 from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
@@ -21,7 +21,7 @@ Image = NDArray[np.float32]
 class Splats:
     """A cloud in copies; each has voxels of twice the size of those before."""
 
-    def __init__(self, cloud: Cloud, camera: Spherical, params: SynthesisParams) -> None:
+    def __init__(self, cloud: Geometry, camera: Spherical, params: SynthesisParams) -> None:
         self._camera = camera
         pixel = COARSENESS * 2.0 * np.pi / camera.full_width
         number = max(int(np.ceil(np.log2(params.max_range_m * pixel / params.voxel_m))), 1)

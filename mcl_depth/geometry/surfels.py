@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mcl_depth.constants import INDEX_BITS, INRADIUS, NEAR_VOXELS, NUM_NEIGHBORS
-from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.cloud import Geometry, cube_keys
 
 Floats = NDArray[np.float64]
 
@@ -16,7 +15,7 @@ BATCH = 1 << 18  # voxels whose neighbours are held at once
 CORNERS = np.radians([90.0, 210.0, 330.0])
 
 
-def surfels_of(cloud: Cloud, size: float) -> tuple[TriangleMesh, float]:
+def surfels_of(cloud: Geometry, size: float) -> tuple[Geometry, float]:
     """Return a triangle for each voxel of `size` m, and the share of voxels whose neighbours are a surface.
 
     ValueError where a cloud is too wide for such voxels.
@@ -35,7 +34,7 @@ def surfels_of(cloud: Cloud, size: float) -> tuple[TriangleMesh, float]:
             reach = 2.0 * INRADIUS * size * np.array([np.cos(angle), np.sin(angle)])
             vertices[first : first + BATCH, corner] = own + axes[:, :, 2] * reach[0] + axes[:, :, 1] * reach[1]
     triangles = np.arange(3 * len(means), dtype=np.int32).reshape(-1, 3)
-    return TriangleMesh(vertices.reshape(-1, 3), triangles, cloud.name), num_dense / len(means)
+    return Geometry(vertices.reshape(-1, 3), cloud.name, triangles=triangles), num_dense / len(means)
 
 
 def means_of(points: Floats, size: float, name: str) -> Floats:
@@ -43,7 +42,5 @@ def means_of(points: Floats, size: float, name: str) -> Floats:
     low = points.min(axis=0)
     if (extent := float((points - low).max())) / size >= 2**INDEX_BITS:
         raise ValueError(f"{name}: expected an extent below {2**INDEX_BITS * size:g} m, found {extent:g} m")
-    cells = np.floor((points - low) / size).astype(np.int64)
-    keys = cells[:, 0] << 2 * INDEX_BITS | cells[:, 1] << INDEX_BITS | cells[:, 2]
-    _, voxel, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    _, voxel, counts = np.unique(cube_keys(points, low, size), return_inverse=True, return_counts=True)
     return np.stack([np.bincount(voxel, axis) for axis in points.T], axis=1) / counts[:, None]

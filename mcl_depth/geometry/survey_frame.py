@@ -9,7 +9,7 @@ its origin. Whatever is done is said in one line.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import (
-    FAR_FROM_ORIGIN_M,
     GROUND_STEP,
     LARGE_EXTENT_M,
     LEAST_STANDING,
@@ -32,6 +31,7 @@ from mcl_depth.constants import (
     SURVEY_SAMPLES,
     UP_RATIO,
 )
+from mcl_depth.geometry.cloud import farthest_of, lonely_share
 from mcl_depth.params import SurveyParams
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
@@ -55,16 +55,18 @@ class GeoKey(IntEnum):
 class SurveyFrame:
     """How coordinates of a file become those of the map: R (3, 3) times metres a unit, less the origin (3,) m."""
 
-    unit: str
-    up: str
-    origin: Array
-    words: str  # what was done and why; empty where a file is used as it is
+    unit: str = "m"
+    up: str = "z"
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    words: str = ""  # what was done and why; empty where a file is used as it is
+
+    def turn(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return points (N, 3) in metres, z up, about the origin of the file."""
+        return METERS[self.unit] * np.asarray(points, np.float64) @ ROTATIONS[self.up].T
 
     def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return points (N, 3) m of the map."""
-        if not self.words:
-            return np.asarray(points, np.float64)
-        return METERS[self.unit] * np.asarray(points, np.float64) @ ROTATIONS[self.up].T - self.origin
+        return self.turn(points) - self.origin if self.words else np.asarray(points, np.float64)
 
 
 def find_frame(
@@ -77,39 +79,42 @@ def find_frame(
     ValueError where the coordinates are degrees, or nothing stands on the ground.
     """
     finite = points[np.isfinite(points).all(axis=1)]
-    origin = _read_origin(params.origin)
+    given = _read_origin(params.origin)
     if not len(finite):
-        return SurveyFrame("m", "z", np.zeros(3), "")
+        return SurveyFrame()
     if not is_mesh:
         refuse_stray(finite, name)
     low, high = finite.min(axis=0).astype(np.float64), finite.max(axis=0).astype(np.float64)
     sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
     is_large = len(finite) >= MIN_POINTS
-    unit, why = params.unit, "as was set"
-    if unit == "auto":
-        unit, why = (declared, "as the file declares") if declared else ("m", "")
-        if is_large and not declared:
-            _refuse_degrees(low, high, name)
-            unit, why = _guess_unit(finite - low, high - low)
-    meters = METERS[unit]
+    unit, why = (params.unit, "as was set") if params.unit != "auto" else (declared, "as the file declares")
+    if not unit:
+        unit, why = _guess_unit(finite, low, high, name) if is_large else ("m", "")
     up = params.up
     if up == "auto":
-        up = _find_up(meters * sample) if is_large and not is_mesh else "z"
+        up = _find_up(METERS[unit] * sample) if is_large and not is_mesh else "z"
+    frame = SurveyFrame(unit, up)
     if is_large and not is_mesh:
-        _refuse_plain(meters * sample @ ROTATIONS[up].T, name)
+        _refuse_plain(frame.turn(sample), name)
+    corners = frame.turn(np.array([low, high]))
+    origin = _find_origin(corners) if given is None and is_large else given
     words = [] if unit == "m" else [f"taken as {NAMES[unit]} ({why})"]
-    words += ["y is up (the ground lies across it)"] if up == "y" and params.up == "auto" else []
-    corners = meters * np.array([low, high]) @ ROTATIONS[up].T
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    if origin is None:
-        origin, far = np.zeros(3), max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max()))
-        if is_large and min(far, MAX_COORDINATE_M) < np.abs([low, high])[:, :2].max() <= MAX_COORDINATE_M:
-            origin[:2] = np.floor(low[:2] / ORIGIN_STEP_M) * ORIGIN_STEP_M
-    if origin.any():
+    if up == "y":
+        words.append(f"y is up ({'as was set' if params.up == 'y' else 'the ground lies across it'})")
+    if origin is not None and origin.any():
         words.append("its origin is E,N,H = " + ",".join(f"{value:.12g}" for value in origin) + " m")
-    if not words and up == "z":
-        return SurveyFrame("m", "z", np.zeros(3), "")
-    return SurveyFrame(unit, up, origin, f"{name}: " + "; ".join(words or ["y is up (as was set)"]))
+    if not words:
+        return SurveyFrame()
+    return SurveyFrame(unit, up, np.zeros(3) if origin is None else origin, f"{name}: " + "; ".join(words))
+
+
+def _find_origin(corners: Array) -> Array:
+    """Return what is near the corners (2, 3) of points that are far from their origin, else that: (3,) m."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    origin = np.zeros(3)
+    if farthest_of(float((high - low).max())) < np.abs(corners)[:, :2].max() <= MAX_COORDINATE_M:
+        origin[:2] = np.floor(low[:2] / ORIGIN_STEP_M) * ORIGIN_STEP_M
+    return origin
 
 
 def refuse_stray(points: NDArray[np.floating], name: str) -> None:
@@ -128,7 +133,9 @@ def refuse_stray(points: NDArray[np.floating], name: str) -> None:
 
 
 def declared_unit(path: Path) -> str:
-    """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys; empty where it does not."""
+    """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys, or an .e57 has; else empty."""
+    if path.suffix.lower() == ".e57":
+        return "m"
     head = read_las_head(path)
     for name, factor in reversed(re.findall(rb'UNIT\["([^"]+)",\s*([0-9.eE+-]+)', head)):
         if b"degree" not in name.lower():
@@ -186,29 +193,22 @@ def numbers_of(text: str, count: int, expected: str) -> Array | None:
     return numbers
 
 
-def _refuse_degrees(low: Array, high: Array, name: str) -> None:
+def _guess_unit(points: NDArray[np.floating], low: Array, high: Array, name: str) -> tuple[str, str]:
+    """Return the unit by the extent of points (N, 3): a place to drive is 1 m to some km wide; ValueError for degrees.
+
+    `low`, `high` (3,) are their box.
+    """
     extent = high - low
+    widest = float(extent.max())
     is_globe = np.all(np.abs([low, high])[:, :2] <= [180.0, 90.0]) and extent[:2].max() < 1.0
     if is_globe and extent[2] > 10.0 * extent[:2].max() and extent[2] > 1.0:
         found = f"an extent of {extent[0]:.2g} x {extent[1]:.2g} x {extent[2]:.2g}"
         raise ValueError(f"{name}: points: expected metres, found {found}: longitude and latitude? project it first")
-
-
-def _guess_unit(points: NDArray[np.floating], extent: Array) -> tuple[str, str]:
-    """Return the unit by the extent of points (N, 3), all positive: a place to drive is 1 m to some km wide."""
-    widest = float(extent.max())
     if widest < SMALL_EXTENT:
         return "km", f"{widest:.3g} wide"
-    if widest > LARGE_EXTENT_M and lonely_share(points) > MAX_LONELY and lonely_share(points / 1000.0) <= MAX_LONELY:
+    if widest > LARGE_EXTENT_M and lonely_share(points - low) > MAX_LONELY >= lonely_share((points - low) / 1000.0):
         return "mm", f"{widest:.3g} wide and the points that far from each other"
     return "m", ""
-
-
-def lonely_share(points: NDArray[np.floating]) -> float:
-    """Return the share of points (N, 3), all positive, that are alone in their cube of a metre."""
-    cells = np.floor(points).astype(np.uint64)
-    keys = (cells[:, 0] << np.uint64(42)) ^ (cells[:, 1] << np.uint64(21)) ^ cells[:, 2]
-    return float(np.count_nonzero(np.unique(keys, return_counts=True)[1] == 1)) / len(points)
 
 
 def _find_up(points: NDArray[np.floating]) -> str:

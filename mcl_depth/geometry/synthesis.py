@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mcl_depth.constants import ELEVATIONS_DEG, MIN_DENSE_SHARE
-from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.geometry.mesh import RayScene, TriangleMesh
+from mcl_depth.geometry.cloud import Geometry
+from mcl_depth.geometry.mesh import RayScene
 from mcl_depth.geometry.splats import Splats
 from mcl_depth.geometry.surfels import surfels_of
 from mcl_depth.params import SynthesisParams
@@ -33,7 +33,7 @@ class DepthSynthesizer:
     Rays meet surfaces, also those that dense points are; single points are drawn as splats.
     """
 
-    def __init__(self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None) -> None:
+    def __init__(self, geometry: Geometry, params: SynthesisParams | None = None) -> None:
         self.params = params or SynthesisParams()
         self.camera = panorama_window(self.params)
         self._geometry = geometry
@@ -42,7 +42,7 @@ class DepthSynthesizer:
     def _scene(self) -> Splats | RayScene:
         """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
         geometry, camera, params = self._geometry, self.camera, self.params
-        if isinstance(geometry, TriangleMesh):
+        if geometry.is_mesh:
             return RayScene(geometry, camera, params)
         surfels, dense_share = surfels_of(geometry, params.voxel_m)
         if dense_share >= MIN_DENSE_SHARE:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 
-Similarities = NDArray[np.float32]
-
 
 def num_alpha_for(step_deg: float) -> int:
     """Return how many headings a step makes."""
@@ -28,10 +26,9 @@ def check_headings(step_deg: float, num_columns: int) -> None:
         raise ValueError(f"heading_step_deg: expected {expected}, found {step_deg:g} deg")
 
 
-def similarity_many(
-    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.int64]
-) -> Similarities:
-    """Return eq. 2 for M panoramas of a stack, those of `indices`, and all headings, (M, num_alpha)."""
-    seen = np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-    arrays = (visual.x, visual.y, visual.magnitude, seen, stack.directions, stack.magnitudes, stack.scales)
-    return kernels.compare_headings_many(*arrays, indices, num_alpha)
+def compare_gradients(
+    visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_alpha: int
+) -> NDArray[np.float32]:
+    """Return eq. 2 for M panoramas of a stack, those in `slots`, and all headings, (M, num_alpha)."""
+    image = visual.x, visual.y, visual.magnitude, visual.is_seen.astype(np.float32)
+    return kernels.compare_headings_many(*image, *stack.arrays, slots, num_alpha)

@@ -9,15 +9,17 @@ import os
 import shutil
 import tempfile
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.features import Stack
 from sphere_nav.geometry.files.untrusted import read_npy
+
+Cell = tuple[int, int]
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -41,16 +43,69 @@ def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None
         raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
 
 
-Cell = tuple[int, int]
+@dataclass(frozen=True)
+class KeptArrays:
+    """Arrays that belong together, one file each."""
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the arrays."""
+        return tuple(item.name for item in fields(cls))
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The arrays in the order of their names."""
+        return tuple(getattr(self, name) for name in self.names())
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        save_arrays(folder, dict(zip(self.names(), self.arrays, strict=True)))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, cls.names())
+        return None if found is None else cls(*map(np.array, found))
+
+
+@dataclass(frozen=True)
+class Stack(KeptArrays):
+    """Depth features of M panoramas: arrays with a row for each."""
+
+    def __len__(self) -> int:
+        return len(self.arrays[0])
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all panoramas in bytes."""
+        return sum(array.nbytes for array in self.arrays)
+
+    def room(self, capacity: int) -> Self:
+        """Return room for `capacity` panoramas of this kind, to be filled by `put`; memory is taken when written to."""
+        return type(self)(*(np.empty((capacity, *array.shape[1:]), array.dtype) for array in self.arrays))
+
+    def take(self, indices: NDArray[np.integer] | slice) -> Self:
+        """Return the panoramas of some indices."""
+        return type(self)(*(array[indices] for array in self.arrays))
+
+    def put(self, indices: NDArray[np.integer] | slice, other: Self) -> None:
+        """Overwrite some panoramas by others."""
+        for array, new in zip(self.arrays, other.arrays, strict=True):
+            array[indices] = new
+
+
+def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
+    """Return what cells (N, 2) are looked up by."""
+    return [(x, y) for x, y in np.asarray(cells).tolist()]
 
 
 class DepthCache:
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, empty: Callable[[int], Any]) -> None:
-        """`empty` returns room for so many panoramas."""
-        self.capacity = max(max_bytes // empty(1).nbytes, 1)
-        self.stack = empty(self.capacity)  # memory is taken when written to
+    def __init__(self, max_bytes: int, one: Stack) -> None:
+        """`one` panorama shows what is to be kept of each."""
+        self.capacity = max(max_bytes // one.nbytes, 1)
+        self.stack = one.room(self.capacity)
         self.num_hits, self.num_misses = 0, 0
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
@@ -65,25 +120,22 @@ class DepthCache:
         """Share of the look-ups that found something."""
         return self.num_hits / max(self.num_hits + self.num_misses, 1)
 
-    def find(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
+    def find(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
-        slots = np.full(len(cells), -1, dtype=np.int64)
-        for index, cell in enumerate(cells):
-            slot = self._slots.get(cell)
-            if slot is not None:
-                slots[index] = slot
-                self._slots.move_to_end(cell)
-        found = int(np.count_nonzero(slots >= 0))
-        self.num_hits, self.num_misses = self.num_hits + found, self.num_misses + len(cells) - found
+        keys = keys_of(cells)
+        slots = np.array([self._slots.get(key, -1) for key in keys], dtype=np.int64)
+        known = np.flatnonzero(slots >= 0)
+        for index in known:
+            self._slots.move_to_end(keys[index])
+        self.num_hits, self.num_misses = self.num_hits + len(known), self.num_misses + len(keys) - len(known)
         return slots
 
-    def insert(self, cells: Sequence[Cell], features: Stack) -> NDArray[np.int64]:
+    def insert(self, cells: NDArray[np.int64], features: Stack) -> NDArray[np.int64]:
         """Keep features of new cells, at most `capacity` of them at once; return their slots (N,)."""
-        slots = np.empty(len(cells), dtype=np.int64)
-        for index, cell in enumerate(cells):
+        for key in keys_of(cells):
             is_full = len(self._slots) >= self.capacity
-            slots[index] = self._slots.popitem(last=False)[1] if is_full else len(self._slots)
-            self._slots[cell] = int(slots[index])
+            self._slots[key] = self._slots.popitem(last=False)[1] if is_full else len(self._slots)
+        slots = np.array([self._slots[key] for key in keys_of(cells)], dtype=np.int64)
         self.stack.put(slots, features)
         return slots
 
@@ -104,5 +156,5 @@ class DepthCache:
             raise ValueError(f"{folder}: expected features {expected}, found {[part.shape for part in parts]}")
         last = slice(max(len(cells) - self.capacity, 0), len(cells))
         kept = type(self.stack)(*(part[last] for part in parts))
-        self.insert([(int(x), int(y)) for x, y in cells[last]], kept)
+        self.insert(cells[last], kept)
         return len(kept)

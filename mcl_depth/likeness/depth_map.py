@@ -7,7 +7,7 @@ made. So what a particle sees depends on its own position alone, not on which pa
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.likeness.depth_cache import Cell, DepthCache
+from mcl_depth.likeness.depth_cache import DepthCache, keys_of
 from mcl_depth.likeness.features import Image, Mask, is_sky
-from mcl_depth.likeness.kinds import SpectralFilter, Visual, likeness_of
+from mcl_depth.likeness.kinds import Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Camera, Spherical
@@ -40,9 +40,10 @@ class DepthMap:
         self.camera_height = camera_height
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
-        self.likeness: Any = likeness_of(params, camera)  # one of two, each with features of its own
-        self.cache = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
-        self._filter: tuple[str, SpectralFilter] | None = None  # with the places that it is of
+        self.likeness = likeness_of(params, camera)
+        one = self.likeness.depths(np.ones((1, camera.height, camera.width), np.float32))
+        self.cache = DepthCache(params.cache.max_megabytes << 20, one)
+        self._filter: tuple[str, Any] | None = None  # with the places that it is of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
@@ -72,7 +73,7 @@ class DepthMap:
 
     def depth_at(self, position: Array) -> NDArray[np.float32] | None:
         """Return the range panorama (H, W) that stands for a position (2,), to be looked at; None without ground."""
-        middles = self._middles([(int(x), int(y)) for x, y in self.cells(position[None, :2])])
+        middles = self._middles(self.cells(position[None]))
         return None if np.isnan(middles[0, 2]) else self._synthesizer.synthesize_many(middles)[0]
 
     def ranges_from(self, pose: Array) -> NDArray[np.float32] | None:
@@ -100,23 +101,16 @@ class DepthMap:
         detail = f"{share:.0%} of the panorama is seen"
         return gray, is_seen, Verdict(Reason.LOW_OVERLAP, share, least, detail)
 
-    def similarities(self, visual: Visual, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: Visual, cells: NDArray[np.int64], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
         curves = np.zeros((len(cells), num_headings), dtype=np.float32)
         for first in range(0, len(cells), self.cache.capacity):
             slots = self._slots(cells[first : first + self.cache.capacity])
             known = np.flatnonzero(slots >= 0)
             if len(known):
-                found = self.likeness.similarities(visual, self.cache.stack, slots[known], num_headings)
+                found = self.likeness.compare(visual, self.cache.stack, slots[known], num_headings)
                 curves[first + known] = np.nan_to_num(found)
         return curves
-
-    def survey(
-        self, visual: Visual, positions: Array, num_headings: int, rows: NDArray[np.int64] | None = None
-    ) -> NDArray[np.float32]:
-        """Return how well an image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
-        found: NDArray[np.float32] = self.prepare(positions).curves(visual, num_headings, rows)
-        return found
 
     def prepare(self, positions: Array) -> Any:
         """Return what compares an image with all cells of positions (N, 2) at once: kept, read from the disk, or made.
@@ -128,16 +122,16 @@ class DepthMap:
             self._filter = places, self._load_or_make(positions, places)
         return self._filter[1]
 
-    def _load_or_make(self, positions: Array, places: str) -> SpectralFilter:
+    def _load_or_make(self, positions: Array, places: str) -> Any:
         """Return it from the disk, or made, and kept there."""
         kind, folder = self.likeness.filter, None
         if self._folder is not None:
             folder = self._folder.with_name(f"{self._folder.name}_{places}")
-            found: SpectralFilter | None = kind.load(folder)
+            found = kind.load(folder)
             if found is not None and found.codes.shape[1] == len(positions):
                 return found
-        slots = self._slots([(int(x), int(y)) for x, y in self.cells(positions)])
-        made: SpectralFilter = kind.of(self.cache.stack, slots)
+        slots = self._slots(self.cells(positions))
+        made = kind.of(self.cache.stack, slots)
         if folder is not None:
             made.save(folder)
         return made
@@ -148,8 +142,8 @@ class DepthMap:
         At most so many are made in this call. With a folder they are kept on disk on the way.
         """
         unique = np.unique(self.cells(positions), axis=0)[: self.cache.capacity]
-        has_ground = np.isfinite(self._middles([(int(x), int(y)) for x, y in unique])[:, 2])
-        cells = [cell for x, y in unique[has_ground] if (cell := (int(x), int(y))) not in self.cache]
+        on_ground = unique[np.isfinite(self._middles(unique)[:, 2])]
+        cells = on_ground[[key not in self.cache for key in keys_of(on_ground)]]
         count = len(cells) if at_most is None else min(at_most, len(cells))
         for first in range(0, count, BATCH):
             self._num_unsaved += len(self._slots(cells[first : min(first + BATCH, count)]))
@@ -165,24 +159,20 @@ class DepthMap:
         if self._folder is not None:
             self.cache.save(self._folder)
 
-    def _middles(self, cells: Sequence[Cell]) -> Array:
+    def _middles(self, cells: NDArray[np.int64]) -> Array:
         """Return the camera positions (N, 3) that stand for cells."""
-        xy = (np.asarray(cells, dtype=np.float64).reshape(-1, 2) + 0.5) * self.edge
+        xy = (cells + 0.5) * self.edge
         return np.column_stack([xy, self.heights(xy)])
 
-    def _slots(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
+    def _slots(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells in the cache, their images made where missing; -1 without ground."""
         slots = self.cache.find(cells)
-        missing = np.flatnonzero(slots < 0)
-        if not len(missing):
-            return slots
-        middles = self._middles([cells[int(index)] for index in missing])
-        has_ground = np.isfinite(middles[:, 2])
-        missing, middles = missing[has_ground], middles[has_ground]
+        middles = self._middles(cells)
+        missing = np.flatnonzero((slots < 0) & np.isfinite(middles[:, 2]))
         for first in range(0, len(missing), BATCH):
-            part = slice(first, first + BATCH)
+            part = missing[first : first + BATCH]
             features = self.likeness.depths(self._synthesizer.synthesize_many(middles[part]))
-            slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
+            slots[part] = self.cache.insert(cells[part], features)
         return slots
 
     def _key(self, name: str) -> str:

@@ -25,7 +25,7 @@ from mcl_depth.constants import (
     MIN_CONTRAST_LEVELS,
     NUM_FREQUENCIES,
 )
-from mcl_depth.likeness.features import Image, fill_unknown, normalize_contrast
+from mcl_depth.likeness.features import Image, Mask, fill_unknown, normalize_contrast
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -42,11 +42,6 @@ class Encoder:
 
     table: NDArray[np.int64]
     values: Image
-
-    @property
-    def stride(self) -> tuple[int, int]:
-        """Pixels of the panorama by one of the features, over rows and columns."""
-        return int(np.prod(self.table[:, 4])), int(np.prod(self.table[:, 5]))
 
     def __call__(self, inputs: Image) -> Image:
         """Return the features (M, C, h, w) of inputs (M, n, H, W)."""
@@ -83,7 +78,7 @@ class EncoderPair:
             key.update(encoder.table.tobytes() + encoder.values.tobytes())
         return key.hexdigest()
 
-    def features_of_image(self, gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:
+    def features_of_image(self, gray: Image, is_seen: Mask, camera: Spherical) -> Image:
         """Return the features (C, h, w) of a level panorama (H, W) of grey levels, of length 1."""
         return normalize(self.image(image_inputs(gray, is_seen, camera)[None]))[0]
 
@@ -100,19 +95,17 @@ def load_encoders() -> EncoderPair:
         return EncoderPair(image, depth, int(file["num_columns"]))
 
 
-def image_inputs(gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:
+def image_inputs(gray: Image, is_seen: Mask, camera: Spherical) -> Image:
     """Return what the encoder of images takes of a level panorama (H, W) of grey levels, (n, H, W).
 
     Its contrast, normalized over two neighbourhoods, and the sine of the elevation; what is not seen has no contrast.
     """
-    gray = fill_unknown(np.where(True if is_seen is None else is_seen, gray, np.nan).astype(np.float32))
+    gray = fill_unknown(np.where(is_seen, gray, np.nan).astype(np.float32))
     width = camera.full_width
     parts = []
     for share in LCN_COLUMNS:
         contrast = normalize_contrast(gray, max(round(share * width), 1), MIN_CONTRAST_LEVELS)
-        parts.append(np.clip(contrast, -IMAGE_CLIP, IMAGE_CLIP))
-    if is_seen is not None:
-        parts = [np.where(is_seen, part, np.float32(0.0)) for part in parts]
+        parts.append(np.where(is_seen, np.clip(contrast, -IMAGE_CLIP, IMAGE_CLIP), np.float32(0.0)))
     return np.stack([*parts, sine_of_elevation(camera)]).astype(np.float32)
 
 

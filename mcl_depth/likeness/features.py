@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M, MIN_GRADIENT
 from mcl_depth.likeness import kernels
+from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.kernels import NO_DIRECTION, NUM_DIRECTIONS
 from mcl_depth.params import ComparisonParams
 
@@ -18,57 +19,28 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
+def mirror(image: NDArray[Any]) -> NDArray[Any]:
+    """Return an image (H, W) whose left is right."""
+    return np.ascontiguousarray(image[:, ::-1])
+
+
 @dataclass(frozen=True)
 class GradientFeatures:
     """Sobel gradients of one panorama; all arrays (H, W) float32, columns wrap around.
 
     x, y: unit direction of the gradient, (0, 0) where there is none or where the pixel is not seen.
-    magnitude: its length; all of a panorama sum to 1. is_seen: None where every pixel is seen.
+    magnitude: its length; all of a panorama sum to 1. is_seen: which pixels may have one.
     """
 
     x: Image
     y: Image
     magnitude: Image
-    is_seen: Mask | None = None
+    is_seen: Mask
 
     @property
     def mirrored(self) -> GradientFeatures:
         """Those of the image whose left is right, ahead staying ahead."""
-        x, y, magnitude = (np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude))
-        is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
-        return GradientFeatures(x, y, magnitude, is_seen)
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Depth features of M panoramas: arrays with a row for each."""
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Return the names of the arrays."""
-        return tuple(item.name for item in fields(cls))
-
-    @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """The arrays in the order of their names."""
-        return tuple(getattr(self, name) for name in self.names())
-
-    def __len__(self) -> int:
-        return len(self.arrays[0])
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of all panoramas in bytes."""
-        return sum(array.nbytes for array in self.arrays)
-
-    def take(self, indices: NDArray[np.integer] | slice) -> Self:
-        """Return the panoramas of some indices."""
-        return type(self)(*(array[indices] for array in self.arrays))
-
-    def put(self, indices: NDArray[np.integer] | slice, other: Self) -> None:
-        """Overwrite some panoramas by others."""
-        for array, new in zip(self.arrays, other.arrays, strict=True):
-            array[indices] = new
+        return GradientFeatures(*map(mirror, (-self.x, self.y, self.magnitude, self.is_seen)))
 
 
 @dataclass(frozen=True)
@@ -84,22 +56,15 @@ class FeatureStack(Stack):
     magnitudes: NDArray[np.uint8]
     scales: NDArray[np.float32]
 
-    @classmethod
-    def empty(cls, capacity: int, height: int, width: int) -> Self:
-        """Return room for `capacity` panoramas, to be filled by `put`."""
-        shape = (capacity, height, width)
-        return cls(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(capacity, np.float32))
 
-
-def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeatures:
+def visual_features(gray: Image, is_seen: Mask | bool = True) -> GradientFeatures:
     """Return the gradients of a level panorama (H, W) of grey levels, magnitudes summing to 1.
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
     """
-    seen = np.isfinite(gray) if is_seen is None else np.isfinite(gray) & is_seen
+    seen = np.isfinite(gray) & is_seen
     inner = _inner(seen)
-    found = gradients_of(np.where(seen, gray, 0.0).astype(np.float32), inner)
-    return GradientFeatures(*found, None if inner.all() else inner)
+    return GradientFeatures(*gradients_of(np.where(seen, gray, 0.0).astype(np.float32), inner), inner)
 
 
 def depth_gradients(range_m: Image, params: ComparisonParams) -> tuple[Image, Image, Image]:
@@ -118,7 +83,8 @@ def depth_gradients(range_m: Image, params: ComparisonParams) -> tuple[Image, Im
 
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
     """Return the features of range panoramas (M, H, W) in m."""
-    stack = FeatureStack.empty(*ranges_m.shape)
+    shape = ranges_m.shape
+    stack = FeatureStack(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(len(ranges_m), np.float32))
     for i, range_m in enumerate(ranges_m):
         x, y, magnitude = depth_gradients(range_m, params)
         codes = np.rint(np.arctan2(y, x) * np.float32(NUM_DIRECTIONS / np.pi)).astype(np.int64) % NUM_DIRECTIONS

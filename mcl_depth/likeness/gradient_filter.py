@@ -20,6 +20,7 @@ from mcl_depth.constants import (
     PART_FINENESS,
     ROOT,
 )
+from mcl_depth.likeness.depth_cache import KeptArrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.spectra import (
     DOUBLE_COSINES,
@@ -27,7 +28,6 @@ from mcl_depth.likeness.spectra import (
     FREQUENCIES,
     Curves,
     Image,
-    KeptArrays,
     best_around,
     correlate,
     encode_cells,
@@ -75,7 +75,7 @@ class GradientFilter(KeptArrays):
 
         `rows`: of some cells only. The best around each heading.
         """
-        seen = np.ones_like(visual.magnitude) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+        seen = visual.is_seen.astype(np.float32)
         count, width = PART_FINENESS * num_headings, seen.shape[1]
         weights = spectra_of(seen * double_gradients(visual), FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)

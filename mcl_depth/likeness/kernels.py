@@ -108,7 +108,7 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
     """Return eq. 2 (M, num_alpha) f4 for the coded panoramas (N, H, W) of indices (M,)."""
     H, W = vx.shape
     out = np.empty((len(indices), num_alpha), np.float32)
-    share = seen.mean() if seen.size > 0 else 1.0
+    share = seen.mean()
     for i in prange(len(indices)):
         j = indices[i]
         sums = np.zeros((num_alpha, 3))
@@ -120,7 +120,7 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
                 rows[1, x] = rows[1, W + x] = SINES[direction]
                 rows[2, x] = rows[2, W + x] = m
             _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
-            if seen.size > 0:
+            if share < 1.0:
                 _add_seen(seen[y], rows[2], sums)
         _join_terms(sums, share, out[i])
     return out

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from mcl_depth.constants import MIN_SEEN
-from mcl_depth.likeness import learned
-from mcl_depth.likeness.comparison import similarity_many
+from mcl_depth.likeness.comparison import compare_gradients
+from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.encoder import EncoderPair, load_encoders
 from mcl_depth.likeness.features import (
-    FeatureStack,
     GradientFeatures,
     Image,
     Mask,
@@ -18,68 +18,24 @@ from mcl_depth.likeness.features import (
     visual_features,
 )
 from mcl_depth.likeness.gradient_filter import GradientFilter
-from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
+from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack, compare_learned
 from mcl_depth.likeness.spectra import Curves
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
 Visual = GradientFeatures | LearnedFeatures
-SpectralFilter = GradientFilter | LearnedFilter
 
 
-class GradientLikeness:
-    """By gradients (N17 eq. 2)."""
+@dataclass(frozen=True)
+class Likeness:
+    """One kind of features, and how they are made and compared."""
 
-    name, min_seen, filter = "", 0.0, GradientFilter
-
-    def __init__(self, params: FilterParams, camera: Spherical) -> None:
-        self._params, self._camera = params.comparison, camera
-
-    def image(self, gray: Image, is_seen: Mask) -> GradientFeatures:
-        """Return the gradients of a level panorama (H, W)."""
-        return visual_features(gray, is_seen)
-
-    def empty(self, capacity: int) -> FeatureStack:
-        """Return room for so many panoramas."""
-        return FeatureStack.empty(capacity, self._camera.height, self._camera.width)
-
-    def depths(self, ranges_m: Image) -> FeatureStack:
-        """Return the gradients of range panoramas (M, H, W) in m."""
-        return depth_features_many(ranges_m, self._params)
-
-    def similarities(
-        self, visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_headings: int
-    ) -> Curves:
-        """Return eq. 2 (M, num_headings)."""
-        return similarity_many(visual, stack, num_headings, slots)
-
-
-class LearnedLikeness:
-    """By what was learned; for whole panoramas of the resolution of the training."""
-
-    min_seen, filter = MIN_SEEN, LearnedFilter
-
-    def __init__(self, encoders: EncoderPair, camera: Spherical) -> None:
-        self.encoders, self._camera = encoders, camera
-        self.name = encoders.digest
-
-    def image(self, gray: Image, is_seen: Mask) -> LearnedFeatures:
-        """Return the learned features of a level panorama (H, W)."""
-        return LearnedFeatures(gray, None if is_seen.all() else is_seen, self.encoders, self._camera)
-
-    def empty(self, capacity: int) -> LearnedStack:
-        """Return room for so many panoramas."""
-        return LearnedStack.empty(capacity, self.encoders, self._camera)
-
-    def depths(self, ranges_m: Image) -> LearnedStack:
-        """Return the learned features of range panoramas (M, H, W) in m."""
-        return LearnedStack.of(self.encoders.features_of_depths(ranges_m, self._camera))
-
-    def similarities(
-        self, visual: LearnedFeatures, stack: LearnedStack, slots: NDArray[np.int64], num_headings: int
-    ) -> Curves:
-        """Return the learned similarity (M, num_headings)."""
-        return learned.compare_learned(visual, stack.take(slots), num_headings)
+    name: str  # of what is kept on disk
+    min_seen: float  # share of the panorama that an image must show
+    filter: type[Any]  # of one image against every cell, `GradientFilter` or `LearnedFilter`
+    image: Callable[[Image, Mask], Any]  # level panorama (H, W), what of it is seen -> Visual
+    depths: Callable[[Image], Stack]  # range panoramas (M, H, W) in m
+    compare: Callable[..., Curves]  # Visual, stack, slots (M,), number of headings -> similarities (M, headings)
 
 
 def check_likeness(params: FilterParams) -> EncoderPair | None:
@@ -93,7 +49,23 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
     return encoders
 
 
-def likeness_of(params: FilterParams, camera: Spherical) -> GradientLikeness | LearnedLikeness:
+def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
     """Return the likeness of the parameters for a window of the sphere."""
     encoders = check_likeness(params)
-    return GradientLikeness(params, camera) if encoders is None else LearnedLikeness(encoders, camera)
+    if encoders is None:
+        return Likeness(
+            name="",
+            min_seen=0.0,
+            filter=GradientFilter,
+            image=visual_features,
+            depths=lambda ranges_m: depth_features_many(ranges_m, params.comparison),
+            compare=compare_gradients,
+        )
+    return Likeness(
+        name=encoders.digest,
+        min_seen=MIN_SEEN,
+        filter=LearnedFilter,
+        image=lambda gray, is_seen: LearnedFeatures(gray, is_seen, encoders, camera),
+        depths=lambda ranges_m: LearnedStack.of(encoders.features_of_depths(ranges_m, camera)),
+        compare=compare_learned,
+    )

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
+from mcl_depth.likeness.depth_cache import KeptArrays, Stack
 from mcl_depth.likeness.encoder import EncoderPair
-from mcl_depth.likeness.features import Mask, Stack
+from mcl_depth.likeness.features import Mask, mirror
 from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,
     Image,
-    KeptArrays,
     best_around,
     correlate,
     curves_of,
@@ -34,10 +34,10 @@ ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
 
 @dataclass(frozen=True, eq=False)
 class LearnedFeatures:
-    """What the encoder of images makes of a level panorama `gray` (H, W), of which `is_seen` is seen (None: all)."""
+    """What the encoder of images makes of a level panorama `gray` (H, W), of which `is_seen` is seen."""
 
     gray: Image
-    is_seen: Mask | None
+    is_seen: Mask
     encoders: EncoderPair
     camera: Spherical
 
@@ -49,9 +49,7 @@ class LearnedFeatures:
     @property
     def mirrored(self) -> LearnedFeatures:
         """Those of the image whose left is right, ahead staying ahead."""
-        gray = np.ascontiguousarray(self.gray[:, ::-1])
-        is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
-        return LearnedFeatures(gray, is_seen, self.encoders, self.camera)
+        return LearnedFeatures(mirror(self.gray), mirror(self.is_seen), self.encoders, self.camera)
 
 
 @dataclass(frozen=True)
@@ -60,13 +58,6 @@ class LearnedStack(Stack):
 
     codes: NDArray[np.int8]
     scales: NDArray[np.float32]
-
-    @classmethod
-    def empty(cls, capacity: int, encoders: EncoderPair, camera: Spherical) -> Self:
-        """Return room for `capacity` panoramas, to be filled by `put`."""
-        rows, columns = encoders.depth.stride
-        shape = int(encoders.depth.table[-1, 1]), -(-camera.height // rows), -(-camera.width // columns)
-        return cls(np.empty((capacity, *shape), np.int8), np.empty(capacity, np.float32))
 
     @classmethod
     def of(cls, features: Image) -> Self:
@@ -82,8 +73,8 @@ class LearnedStack(Stack):
         return self.codes * self.scales[:, None, None, None]
 
 
-def compare_learned(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int) -> Curves:
-    """Return the similarity of an image with M depth panoramas at all headings, (M, num_alpha), as those of eq. 2.
+def compare_learned(visual: LearnedFeatures, stack: LearnedStack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
+    """Return the similarity of an image with the depth panoramas in `slots` (M,) at all headings, (M, num_alpha).
 
     The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over
     a step of headings, so that what lies between two of them is not missed.
@@ -92,10 +83,10 @@ def compare_learned(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int
     step = 2.0 * np.pi / num_alpha
     smooth = np.float32(0.5) * (1.0 + np.cos(np.minimum(np.array(ABOVE_MEAN) * 0.5 * step, np.pi)))
     image *= smooth[:, None].astype(np.float32)
-    curves = np.empty((len(stack), num_alpha), np.float32)
+    curves = np.empty((len(slots), num_alpha), np.float32)
     width = visual.features.shape[-1]
-    for first in range(0, len(stack), BATCH):
-        part = stack.take(slice(first, first + BATCH))
+    for first in range(0, len(slots), BATCH):
+        part = stack.take(slots[first : first + BATCH])
         depths = spectra_of(part.features, ABOVE_MEAN)  # (F, n, P)
         products = np.einsum("fp,fnp->fn", image, depths.conj(), optimize=True)
         curves[first : first + BATCH] = curves_of(products, ABOVE_MEAN.start, 2 * num_alpha)[:, ::2]

@@ -22,10 +22,10 @@ def level_view(
 ) -> tuple[Image, Mask]:
     """Return the panorama (H, W) float32 that the camera saw of `target`, and which of its pixels it saw.
 
-    image: (h, w) or (h, w, 3) RGB. rotation: R_level_camera (3, 3), from the camera's axes to level body axes (x along
-    the heading, z up).
+    image: grey (h, w). rotation: R_level_camera (3, 3), from the camera's axes to level body axes (x along the heading,
+    z up).
     """
-    gray = _gray(image)
+    gray = np.ascontiguousarray(image, np.float32)
     finest = SAMPLES * target.pixels_per_radian
     while camera.pixels_per_radian > finest and not (gray.shape[0] % 2 or gray.shape[1] % 2):
         gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=cv2.INTER_AREA)
@@ -50,9 +50,3 @@ def _maps(camera: Camera, rotation: bytes, target: Spherical) -> tuple[Image, Im
     is_seen = is_inside & np.all(np.isfinite(pixels), axis=-1)
     u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), np.float32)
     return u, v, is_seen.reshape(target.height, SAMPLES, target.width, SAMPLES).all(axis=(1, 3))
-
-
-def _gray(image: NDArray[np.generic]) -> Image:
-    if image.ndim == 3:
-        return (image[..., :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)).astype(np.float32)
-    return np.ascontiguousarray(image, np.float32)

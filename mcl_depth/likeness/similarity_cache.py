@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.likeness.depth_cache import Cell, keys_of
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.kinds import Visual
 from sphere_nav.geometry.arrays import Array
@@ -15,7 +16,7 @@ class Comparison:
 
     def __init__(self, visual: Visual, depth_map: DepthMap, num_headings: int) -> None:
         self._visual, self._map, self._num_headings = visual, depth_map, num_headings
-        self._rows: dict[tuple[int, int], int] = {}
+        self._rows: dict[Cell, int] = {}
         self._curves = np.empty((0, num_headings), dtype=np.float32)
         self.num_asked, self.num_compared = 0, 0
 
@@ -34,20 +35,17 @@ class Comparison:
         cells = self._map.cells(positions)
         self.num_asked += len(cells)
         unique, place = np.unique(cells, axis=0, return_inverse=True)
-        keys = [(int(x), int(y)) for x, y in unique]
-        missing = [key for key in keys if key not in self._rows]
-        if missing:
-            self._compare(missing)
+        keys = keys_of(unique)
+        missing = np.flatnonzero([key not in self._rows for key in keys])
+        if len(missing):
+            self.num_compared += len(missing)
+            self._rows |= {keys[index]: len(self._rows) + number for number, index in enumerate(missing)}
+            found = self._map.similarities(self._visual, unique[missing], self._num_headings)
+            self._curves = np.concatenate([self._curves, found])
         rows = np.array([self._rows[key] for key in keys], dtype=np.int64)
         return self._curves[rows[place.ravel()]]
 
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return how well the image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
-        return self._map.survey(self._visual, positions, self._num_headings, rows)
-
-    def _compare(self, cells: list[tuple[int, int]]) -> None:
-        self.num_compared += len(cells)
-        for cell in cells:
-            self._rows[cell] = len(self._rows)
-        found = self._map.similarities(self._visual, cells, self._num_headings)
-        self._curves = np.concatenate([self._curves, found])
+        found: NDArray[np.float32] = self._map.prepare(positions).curves(self._visual, self._num_headings, rows)
+        return found

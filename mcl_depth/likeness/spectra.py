@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import scipy.fft
@@ -13,8 +11,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import CODE_RANGE, NUM_FREQUENCIES, NUM_SAMPLES
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
-from mcl_depth.likeness.features import FeatureStack, Stack
+from mcl_depth.likeness.depth_cache import Stack
+from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
 
 Spectra = NDArray[np.complex64]
@@ -115,18 +113,3 @@ def best_around(curves: Curves, fineness: int) -> Curves:
     reach = fineness // 2
     best: Curves = np.max([np.roll(curves, step, axis=1) for step in range(-reach, reach + 1)], axis=0)
     return best[:, ::fineness]
-
-
-@dataclass(frozen=True)
-class KeptArrays:
-    """Spectra of the cells of a map: arrays that are kept in a folder, one file each."""
-
-    def save(self, folder: Path) -> None:
-        """Write everything into a folder."""
-        save_arrays(folder, {item.name: getattr(self, item.name) for item in fields(self)})
-
-    @classmethod
-    def load(cls, folder: Path) -> Self | None:
-        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
-        found = load_arrays(folder, [item.name for item in fields(cls)])
-        return None if found is None else cls(*(np.array(array) for array in found))

@@ -15,10 +15,9 @@ from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import limits_of
-from mcl_depth.geometry.cloud import Cloud, cloud_from_points
+from mcl_depth.geometry.cloud import Geometry, cloud_from_points
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
 from mcl_depth.geometry.geodetic import Degrees, declared_crs, degrees_of
-from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.geometry.surfels import means_of
 from mcl_depth.geometry.survey_frame import refuse_stray
 from mcl_depth.params import MclDepthParams
@@ -43,7 +42,7 @@ class GeometryLoader:
     def __init__(self, endpoints: Endpoints, params: MclDepthParams, on_change: Callable[[], None]) -> None:
         """Read the file of the parameter; ValueError or OSError where it cannot be. `on_change`: use another filter."""
         self._log, self._on_change, self._declared = endpoints.log, on_change, params
-        self.geometry: Cloud | TriangleMesh | None = None
+        self.geometry: Geometry | None = None
         self.params = params  # with the spacing of the last call
         self.map_id = ""  # of a map of spheres
         self.fault = FINE  # nothing can be compared with the geometry
@@ -57,7 +56,7 @@ class GeometryLoader:
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
         endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
-    def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0, map_id: str = "") -> None:
+    def use(self, geometry: Geometry, voxel_m: float = 0.0, map_id: str = "") -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
         self._degrees_of = self._find_system(geometry.name)
         synthesis = self._declared.synthesis
@@ -160,7 +159,7 @@ class GeometryLoader:
         response.seconds = time.perf_counter() - started
         return response
 
-    def _read(self, path: str) -> tuple[Cloud | TriangleMesh, str]:
+    def _read(self, path: str) -> tuple[Geometry, str]:
         try:
             return read_map(path, self._declared), find_map_id(path)
         except (ValueError, OSError) as error:
@@ -168,10 +167,10 @@ class GeometryLoader:
         raise ValueError("path: expected a cloud or map, found none that can be read: the log of mcl_depth says why")
 
 
-def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
+def count_points(geometry: Geometry, voxel_m: float) -> int:
     """Return the number of cubes of a cloud that hold points; of vertices of surfaces."""
-    if isinstance(geometry, TriangleMesh):
-        return len(geometry.vertices)
+    if geometry.is_mesh:
+        return len(geometry.points)
     return len(means_of(geometry.points.astype(np.float64), voxel_m, geometry.name))
 
 
@@ -188,7 +187,7 @@ def _is_map(path: str) -> bool:
     return folder.is_dir() and not any(file.suffix.lower() in TILE_ENDINGS for file in folder.iterdir())
 
 
-def read_map(path: str, params: MclDepthParams | None = None) -> Cloud | TriangleMesh:
+def read_map(path: str, params: MclDepthParams | None = None) -> Geometry:
     """Return the geometry of a file, of a folder of tiles, or of one of key spheres."""
     params = params or MclDepthParams()
     if not _is_map(path):

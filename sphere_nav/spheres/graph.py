@@ -140,10 +140,7 @@ class SphereGraph:
 
     def with_poses(self, poses: Mapping[int, SE3]) -> SphereGraph:
         """Return the same graph with other poses T_map_sphere of some key spheres; the others cost next to nothing."""
-        graph = self._copy()
-        for node_id, pose in poses.items():
-            graph._put(replace(self[node_id], T_map_sphere=pose))
-        return graph
+        return self.with_nodes({node_id: {"T_map_sphere": pose} for node_id, pose in poses.items()})
 
     def with_nodes(self, changes: Mapping[int, Mapping[str, Any]]) -> SphereGraph:
         """Return the same graph with other fields of some key spheres, by id."""

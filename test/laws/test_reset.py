@@ -28,9 +28,8 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage
 from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
-from mcl_depth.belief.joint_evidence import ControlDrives, JointEvidence
+from mcl_depth.belief.joint_evidence import Drives, JointEvidence
 from mcl_depth.belief.motion_model import MotionModel
-from mcl_depth.belief.watch import CusumTest
 from mcl_depth.homing import Homing
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
 from path_follower.arming import Arming
@@ -88,12 +87,11 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                      "endpoints params tf odometry on_picture on_refusal fixture waiting images"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
-    "ControlDrives": (lambda: ControlDrives(0.5, 1.0), "reset", ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
                     "endpoints params times clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
-    "CusumTest": (CusumTest, "reset", ""),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
+    "Drives": (lambda: Drives(0.5, 1.0), "reset", ""),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3), "reset",
                  "grid max_chance"),
     "ExperienceChoice": (lambda: ExperienceChoice(None), "reset", "coarse"),

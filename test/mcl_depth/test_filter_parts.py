@@ -24,18 +24,14 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
         assert counts.sum() == 500
 
 
-def empty(count):
-    return FeatureStack.empty(count, 4, 8)
-
-
 def features(value, count=1):
-    stack = empty(count)
-    stack.directions[:], stack.magnitudes[:], stack.scales[:] = value, value, value
-    return stack
+    """Features of so many panoramas, all of one value."""
+    codes = np.full((count, 4, 8), value, np.uint8)
+    return FeatureStack(codes, codes, np.full(count, value, np.float32))
 
 
 def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
-    cache = DepthCache(3 * features(0).nbytes, empty)
+    cache = DepthCache(3 * features(0).nbytes, features(0))
     for number in range(3):
         cache.insert([(number, 0)], features(number))
     cache.find([(0, 0)])
@@ -43,7 +39,7 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert (1, 0) not in cache
     assert cache.stack.scales[cache.find([(0, 0)])[0]] == 0.0
     cache.save(tmp_path / "kept")
-    again = DepthCache(3 * features(0).nbytes, empty)
+    again = DepthCache(3 * features(0).nbytes, features(0))
     assert again.load(tmp_path / "kept") == 3
     assert again.stack.scales[again.find([(9, 9)])[0]] == 9.0
 
@@ -80,28 +76,28 @@ def test_waypoints_are_evenly_spaced():
 
 @pytest.mark.parametrize("name", ["directions", "scales"])
 def test_a_cache_of_another_size_is_refused_whatever_array_it_is(tmp_path, name):
-    cache = DepthCache(3 * features(0).nbytes, empty)
+    cache = DepthCache(3 * features(0).nbytes, features(0))
     cache.insert([(1, 2), (3, 4)], features(1, 2))
     cache.save(tmp_path / "kept")
     found = np.load(tmp_path / "kept" / f"{name}.npy")
     np.save(tmp_path / "kept" / f"{name}.npy", found[:, :3] if found.ndim == 3 else found[:1])
     with pytest.raises(ValueError, match=r"kept: expected features \[\(2, 4, 8\)"):
-        DepthCache(1 << 20, empty).load(tmp_path / "kept")
+        DepthCache(1 << 20, features(0)).load(tmp_path / "kept")
 
 
 def test_a_smaller_cache_takes_what_was_used_last_and_counts_its_hits(tmp_path):
-    cache = DepthCache(4 * features(0).nbytes, empty)
+    cache = DepthCache(4 * features(0).nbytes, features(0))
     for number in range(4):
         cache.insert([(number, -number)], features(number))
     cache.find([(0, 0)])
     cache.save(tmp_path / "kept")
-    small = DepthCache(2 * features(0).nbytes + 5, empty)
+    small = DepthCache(2 * features(0).nbytes + 5, features(0))
     assert small.load(tmp_path / "kept") == 2
     slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
     assert (slots >= 0).tolist() == [True, True, False, False]
     assert small.stack.scales[slots[:2]].tolist() == [3.0, 0.0]
     assert small.hit_rate == 0.5
-    assert DepthCache(1, empty).capacity == 1
+    assert DepthCache(1, features(0)).capacity == 1
     assert small.load(tmp_path / "none") == 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.belief.evidence import Proof, Survey
+from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import MclStateParams
@@ -15,7 +15,7 @@ from sphere_nav.localization.status import Reason, State, Verdict
 LOST_IMAGES = 6
 
 P = MclStateParams(probation_images=2)
-SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)
+SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, poses=np.array([[9.0, 9.0, 0.0]]), tolerance_m=1.0)
 HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
 CAREFUL, BAD = BeliefVerdict(Verdict(Reason.ODOM_STALE)), BeliefVerdict(Verdict(Reason.AMBIGUOUS), is_bad=True)
@@ -43,8 +43,8 @@ def test_a_belief_is_judged():
 
 def test_two_places_that_are_alike_are_named():
     poses = np.array([[1.0, 2.0, 0.0], [4.0, -2.0, np.pi / 2], [9.0, 9.0, 0.0]])
-    survey = Survey(0.3, poses, np.array([0.5, 0.4, 0.1]), 1.0, is_in_map=True)
-    finding = judge_belief([place()], Proof(0.3, survey=survey), DRIVEN, 1e-3).finding
+    proof = Proof(0.3, poses=poses, shares=np.array([0.5, 0.4, 0.1]), tolerance_m=1.0, is_in_map=True)
+    finding = judge_belief([place()], proof, DRIVEN, 1e-3).finding
     assert finding.reason == Reason.AMBIGUOUS
     assert finding.remedy(REMEDIES).startswith("1.0, 2.0 at 0 deg or 4.0, -2.0 at 90 deg; two places look alike")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tf2_msgs.msg import TFMessage
 
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
+from mcl_depth.geometry.cloud import Geometry
+from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.params import SynthesisParams
 from mcl_depth.ros.node import MclDepthNode
@@ -35,7 +36,7 @@ T_BASE_EYE = SE3.from_parts(np.eye(3), np.array([0.2, 0.0, HEIGHT]))
 T_ODOM_MAP = SE3.from_planar(3.0, 1.0, 2.0)
 
 
-def room() -> TriangleMesh:
+def room() -> Geometry:
     """Return the surfaces."""
     vertices, faces = [], []
     for number, (low, high) in enumerate(BOXES):

@@ -12,7 +12,8 @@ HEIGHT, WIDTH, NUM_HEADINGS = 16, 72, 36
 
 def depth_features(range_m, params):
     """The gradients of a range panorama (H, W) in m, as they are before they are coded."""
-    return GradientFeatures(*depth_gradients(np.asarray(range_m, np.float32), params))
+    range_m = np.asarray(range_m, np.float32)
+    return GradientFeatures(*depth_gradients(range_m, params), np.ones(range_m.shape, np.bool_))
 
 
 def square_room():

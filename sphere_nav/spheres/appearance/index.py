@@ -8,7 +8,7 @@ Chapoulie et al. 2011, M15 section 3.5.2). Rows of like houses are no chance: wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Iterable, MutableMapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,16 +44,11 @@ class Postings:
     angles: Floats
 
     @staticmethod
-    def nothing() -> Postings:
-        """Return what is there at first."""
-        return Postings(np.empty(0, np.int64), np.empty(0, np.int32), np.empty((0, 2), np.float32))
-
-    def with_more(self, others: Iterable[Postings]) -> Postings:
-        """Return these and others together; those of a word in the order in which they came."""
-        every = (self, *others)
-        words = np.concatenate([one.words for one in every])
+    def join(parts: Sequence[Postings]) -> Postings:
+        """Return some together; those of a word in the order in which they came."""
+        words = np.concatenate([one.words for one in parts])
         order = np.argsort(words, kind="stable")
-        rows, places = np.concatenate([one.rows for one in every]), np.concatenate([one.angles for one in every])
+        rows, places = np.concatenate([one.rows for one in parts]), np.concatenate([one.angles for one in parts])
         return Postings(words[order], rows[order], places[order])
 
     def find(self, words: Integers) -> tuple[Integers, Integers]:
@@ -136,11 +131,11 @@ class AppearanceIndex:
     def _sorted(self) -> list[Postings]:
         """Return all postings by word, in a few parts; what is new joins the rest where it has become large."""
         if self._new:
-            self._parts.append(Postings.nothing().with_more(self._new))
+            self._parts.append(Postings.join(self._new))
             self._new = []
         while len(self._parts) > 1 and len(self._parts[-2].words) < RATIO * len(self._parts[-1].words):
             last = self._parts.pop()
-            self._parts[-1] = self._parts[-1].with_more([last])
+            self._parts[-1] = Postings.join([self._parts[-1], last])
         return self._parts
 
 

@@ -11,7 +11,7 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, JointEvidence
+from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import SE3, Spherical
@@ -135,11 +135,11 @@ def test_control_drives_look_aside_and_back_and_in_a_mirror():
     """Each fits what is seen where the vehicle goes another way than odometry says."""
 
     def level_of(*to, sees=1):
-        drives, mask = ControlDrives(EDGE, 2 * EDGE), np.ones((12, 12), bool)
+        drives, mask = Drives(EDGE, 2 * EDGE), np.ones((12, 12), bool)
         for place, ahead in (((5, 5), 0.0), (to, 2 * EDGE)):
             fields = np.zeros((2, 36, 12, 12), np.float32)
             fields[sees, 0, *place] = 6.0
-            found = drives.add(fields[1], fields[0], np.array([ahead, 0.0, 0.0]), mask)
+            _, found = drives.add(fields[1], fields[0], np.array([ahead, 0.0, 0.0]), mask)
         return found
 
     ahead, *others = [level_of(*to).turned for to in ((7, 5), (5, 7), (3, 5), (5, 3))]
@@ -184,8 +184,8 @@ def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
     levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(16)]
     found = proofs(evidence, grid, range(16), [None] * 16, pose, levels)
     assert min(proof.p_chance for proof in found) > RATE
-    assert found[0].survey is None
-    assert found[-1].survey is not None
+    assert not found[0].is_of_map
+    assert found[-1].is_of_map
     assert not evidence.is_on_trial
 
 
@@ -193,11 +193,11 @@ def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
     evidence, grid, pose = place_given()
     images = [Images(grid, n, pose if n % 2 else None, 9.0) for n in range(MAX_TRIAL)]  # for it and against it
     found = [evidence.prove(image, pose, seen(), is_held=False) for image in images]
-    assert [proof.survey is None for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
+    assert [not proof.is_of_map for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
     evidence, grid, pose = place_given()
     beyond = pose + np.array([0.0, 60.0, 0.0])
     found = [evidence.prove(Images(grid, n, beyond, 9.0), beyond, seen(), is_held=False) for n in range(6)]
-    assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
+    assert [not proof.is_of_map for proof in found] == [True] * 4 + [False] * 2
 
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.evidence import Survey
+from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import inject_at_places, sample_gaussian
@@ -42,8 +42,8 @@ def test_a_start_off_the_area_is_refused_with_its_distance():
 
 def test_new_particles_scatter_around_the_places_of_a_survey():
     particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (10_000, 1)))
-    survey = Survey(0.01, np.array([[2.0, 3.0, 0.5]]), np.array([1.0]), 1.0)
-    there = inject_at_places(particles, survey, np.random.default_rng(3)).poses
+    proof = Proof(0.01, poses=np.array([[2.0, 3.0, 0.5]]), shares=np.array([1.0]))
+    there = inject_at_places(particles, proof, np.random.default_rng(3)).poses
     new = there[there[:, 0] < 50.0]
     assert len(new) == 3000  # three of ten begin anew
     np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step

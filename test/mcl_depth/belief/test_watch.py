@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.watch import CusumTest, WaldTest, excess
+from mcl_depth.belief.watch import PlaceTest, excess
 
 RATE, NUM_HEADINGS, SIDE = 1e-3, 36, 11
 
@@ -42,24 +42,24 @@ def test_a_street_that_looks_alike_all_along_proves_no_place():
 def test_a_right_place_is_refused_less_often_than_the_rate():
     rng, alarms, count = np.random.default_rng(3), 0, 0
     for _ in range(60):
-        watch = CusumTest()
+        watch = PlaceTest(RATE, is_held=True)
         for value in rng.normal(6.0, 2.0, 300):
             watch.add(float(value))
             count += 1
-            if watch.p_chance(RATE) > 0.5:
+            if watch.p_chance > 0.5:
                 alarms += 1
-                watch.reset()
+                watch = PlaceTest(RATE, is_held=True)
     assert alarms <= RATE * count
 
 
 def test_a_place_that_is_no_more_is_refused_within_a_few_images():
     rng, delays = np.random.default_rng(4), []
     for _ in range(200):
-        watch = CusumTest()
+        watch = PlaceTest(RATE, is_held=True)
         for value in rng.normal(6.0, 2.0, 30):
             watch.add(float(value))
         delay = 0
-        while watch.p_chance(RATE) <= 0.5:
+        while watch.p_chance <= 0.5:
             watch.add(float(rng.normal()))
             delay += 1
         delays.append(delay)
@@ -69,10 +69,10 @@ def test_a_place_that_is_no_more_is_refused_within_a_few_images():
 
 def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
     for value, is_right in ((6.0, True), (0.0, False)):
-        trial = WaldTest()
+        trial = PlaceTest(RATE, is_held=False)
         assert trial.p_chance == 0.5
         found = []
         for _ in range(5):
             trial.add(value)
-            found.append((trial.p_chance < RATE, trial.is_refused(RATE)))
+            found.append((trial.p_chance < RATE, trial.is_refused()))
         assert found == [(False, False)] * 4 + [(is_right, not is_right)]

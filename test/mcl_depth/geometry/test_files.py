@@ -14,7 +14,7 @@ from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
 from mcl_depth.geometry.las import count_las, read_las
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
+from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.synthesis import DepthSynthesizer
@@ -111,7 +111,7 @@ def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
         cloud_from_points(room)
     assert cloud_from_points(room / 1000).warnings == ()
     road = rng.uniform((0, 0, 0), (3000, 2, 0.1), (60_000, 3))  # ten points a square metre
-    assert len(cloud_from_points(road)) == 60_000
+    assert len(cloud_from_points(road).points) == 60_000
 
 
 @pytest.mark.dds
@@ -164,7 +164,7 @@ def test_a_ply_holds_properties_in_any_order_and_polygons(tmp_path: Path, form: 
     body += rows_of(form, [(4, 0, 1, 2, 3), (3, 2, 3, 4)], ["u1", "i4", "i4", "i4", "i4"])
     (tmp_path / "m.ply").write_bytes(head.encode() + body)
     mesh = read_geometry(tmp_path / "m.ply")
-    np.testing.assert_allclose(mesh.vertices, [(x, y, z) for z, _, x, y in vertices])
+    np.testing.assert_allclose(mesh.points, [(x, y, z) for z, _, x, y in vertices])
     assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [2, 3, 4]]
 
 
@@ -173,7 +173,7 @@ def test_rows_that_are_not_corners_alone_are_not_read_and_the_points_are(tmp_pat
     body = rows_of("little", POINTS, ["f4"] * 3) + rows_of("little", [(3, 0, 1, 2)], ["u1", "i4", "i4", "i4"])
     (tmp_path / "a.ply").write_bytes(head.replace(b"element face", b"element tristrips") + b"end_header\n" + body)
     found = read_geometry(tmp_path / "a.ply")
-    assert not isinstance(found, TriangleMesh)
+    assert not found.is_mesh
     np.testing.assert_allclose(found.points, POINTS)
 
 
@@ -199,9 +199,9 @@ def test_points_alone_in_their_cubic_metre_are_no_map(num_lonely, extent, is_ref
     if is_refused:
         with pytest.raises(ValueError, match="looks like millimetres"):
             cloud_from_points(np.concatenate([lonely, close]))
-        assert len(cloud_from_points(np.concatenate([lonely, close])[1:])) == 99  # too few to tell
+        assert len(cloud_from_points(np.concatenate([lonely, close])[1:]).points) == 99  # too few to tell
     else:
-        assert len(cloud_from_points(np.concatenate([lonely, close]))) == 100
+        assert len(cloud_from_points(np.concatenate([lonely, close])).points) == 100
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_a_map_may_be_as_far_away_as_twenty_times_its_width(far, width, is_refus
     points = np.column_stack([side - far, side, np.zeros(50)])
     far_off = pytest.raises(ValueError, match="expected coordinates within 100000 m of the origin, found 101000")
     with far_off if is_refused else nullcontext():
-        assert len(cloud_from_points(points)) == 50
+        assert len(cloud_from_points(points).points) == 50
 
 
 def test_points_of_a_surface_are_spread_by_area() -> None:

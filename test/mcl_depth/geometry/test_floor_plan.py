@@ -27,7 +27,7 @@ def ring_of(corners, room="a", bottom=0.0, top=HEIGHT):
 def area_of(tmp_path, rows):
     (tmp_path / "plan.csv").write_text("\n".join([HEAD, *rows]) + "\n")
     mesh = read_geometry(tmp_path / "plan.csv")
-    a, b, c = mesh.vertices[mesh.triangles].astype(float).transpose(1, 0, 2)
+    a, b, c = mesh.points[mesh.triangles].astype(float).transpose(1, 0, 2)
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 

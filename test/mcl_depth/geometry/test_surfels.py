@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.mesh import RayScene, TriangleMesh, mesh_from_faces, sample_surface
+from mcl_depth.geometry.cloud import Geometry, cloud_from_points
+from mcl_depth.geometry.mesh import RayScene, mesh_from_faces, sample_surface
 from mcl_depth.geometry.surfels import surfels_of
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.params import SynthesisParams
@@ -16,7 +16,7 @@ CAMERA = panorama_window(PARAMS)
 QUADS = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
 
 
-def boxes(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> TriangleMesh:
+def boxes(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> Geometry:
     vertices = [[np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)] for low, high in np.asarray(corners, float)]
     faces = np.array([face for a, b, c, d in QUADS for face in ((a, b, c), (a, c, d))])
     indices = np.concatenate([faces + 8 * k for k in range(len(corners))])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.geometry.cloud import Geometry, cloud_from_points
+from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -15,7 +15,7 @@ PARAMS = SynthesisParams(num_columns=72)
 HALF = np.array([4.0, 3.0, 1.5])
 
 
-def room() -> TriangleMesh:
+def room() -> Geometry:
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
     quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.particles import best_headings
-from mcl_depth.likeness.comparison import check_headings, similarity_many
+from mcl_depth.likeness.comparison import check_headings, compare_gradients
 from mcl_depth.likeness.features import depth_features_many, visual_features
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import depth_features
@@ -41,7 +41,7 @@ def normalized(G: np.ndarray) -> np.ndarray:
 def similarity(visual, range_m, num_alpha):
     """Eq. 2 (num_alpha,) with one panorama of two."""
     stack = depth_features_many(np.stack([np.ones_like(range_m), range_m]), PARAMS)
-    return similarity_many(visual, stack, num_alpha, np.array([1]))[0]
+    return compare_gradients(visual, stack, np.array([1]), num_alpha)[0]
 
 
 @pytest.fixture

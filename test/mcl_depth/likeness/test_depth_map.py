@@ -61,25 +61,25 @@ def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        curves.append(depth_map.survey(visual, places, HEADINGS))
+        curves.append(depth_map.prepare(places).curves(visual, HEADINGS))
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    assert len(made(folder=str(tmp_path))[1].survey(visual, places[:20], HEADINGS)) == 20
+    assert len(made(folder=str(tmp_path))[1].prepare(places[:20]).curves(visual, HEADINGS)) == 20
     for part in tmp_path.glob("*_*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].survey(visual, places, HEADINGS)
+        made(folder=str(tmp_path))[1].prepare(places).curves(visual, HEADINGS)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
-    _, first = made(folder=str(tmp_path))
-    expected = first.similarities(visual, [(0, 0)], HEADINGS)
+    (_, first), middle = made(folder=str(tmp_path)), np.array([[0, 0]])
+    expected = first.similarities(visual, middle, HEADINGS)
     first.save()
     synthesizer, again = made(folder=str(tmp_path))
-    np.testing.assert_array_equal(again.similarities(visual, [(0, 0)], HEADINGS), expected)
+    np.testing.assert_array_equal(again.similarities(visual, middle, HEADINGS), expected)
     assert synthesizer.asked == []
     other, differs = made(folder=str(tmp_path), max_distance=0.5)
-    differs.similarities(visual, [(0, 0)], HEADINGS)
+    differs.similarities(visual, middle, HEADINGS)
     assert len(other.asked) == 1
 
 
@@ -88,8 +88,8 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     places = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 2))
     cached = Comparison(visual, depth_map, HEADINGS)
     for part in (places[:40], places[20:]):
-        cells = [(int(x), int(y)) for x, y in depth_map.cells(part)]
-        np.testing.assert_array_equal(cached.curves(part), depth_map.similarities(visual, cells, HEADINGS))
+        wanted = depth_map.similarities(visual, depth_map.cells(part), HEADINGS)
+        np.testing.assert_array_equal(cached.curves(part), wanted)
     assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
 

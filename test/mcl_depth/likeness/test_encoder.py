@@ -11,6 +11,7 @@ from mcl_depth.likeness.encoder import Encoder, depth_inputs, image_inputs, load
 from mcl_depth.params import SynthesisParams
 
 WINDOW = panorama_window(SynthesisParams())
+EVERYWHERE = np.ones((WINDOW.height, WINDOW.width), np.bool_)
 LAYERS = ((4, 5, 5, 2, 2), (6, 3, 3, 1, 1), (3, 1, 1, 2, 1))
 
 
@@ -55,11 +56,14 @@ def test_a_turned_panorama_has_turned_features():
     range_m = rng.uniform(1, 20, gray.shape).astype(np.float32)
     range_m[rng.random(gray.shape) < 0.1] = np.nan
     encoders = load_encoders()
-    step = encoders.image.stride[1]
+    step = int(np.prod(encoders.image.table[:, 5]))
     for columns in (step, 17 * step):
-        image = encoders.features_of_image(np.roll(gray, columns, axis=1), None, WINDOW)
+        image = encoders.features_of_image(np.roll(gray, columns, axis=1), EVERYWHERE, WINDOW)
         depth = encoders.features_of_depths(np.roll(range_m, columns, axis=1)[None], WINDOW)[0]
-        straight = encoders.features_of_image(gray, None, WINDOW), encoders.features_of_depths(range_m[None], WINDOW)[0]
+        straight = (
+            encoders.features_of_image(gray, EVERYWHERE, WINDOW),
+            encoders.features_of_depths(range_m[None], WINDOW)[0],
+        )
         for found, wanted in zip((image, depth), straight, strict=True):
             np.testing.assert_allclose(found, np.roll(wanted, columns // step, axis=-1), rtol=0, atol=1e-5)
 
@@ -74,7 +78,7 @@ def test_features_have_length_one_no_mean_and_nothing_finer_than_the_filter_keep
 def test_brightness_and_contrast_of_an_image_do_not_count_and_what_is_not_seen_has_none():
     gray = np.random.default_rng(5).uniform(60, 120, (WINDOW.height, WINDOW.width)).astype(np.float32)
     np.testing.assert_allclose(
-        image_inputs(2.0 * gray + 7.0, None, WINDOW), image_inputs(gray, None, WINDOW), atol=2e-3
+        image_inputs(2.0 * gray + 7.0, EVERYWHERE, WINDOW), image_inputs(gray, EVERYWHERE, WINDOW), atol=2e-3
     )
     is_seen = np.ones(gray.shape, np.bool_)
     is_seen[:4] = False

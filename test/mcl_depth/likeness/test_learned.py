@@ -13,6 +13,7 @@ from mcl_depth.params import SynthesisParams
 
 WINDOW = panorama_window(SynthesisParams())
 NUM_CELLS, NUM_HEADINGS = 60, 36
+EVERYWHERE = np.ones((WINDOW.height, WINDOW.width), np.bool_)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
         heading = columns * 4 // 10
         curves = survey.curves(seen, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
-        by_particles = compare_learned(seen, stack, NUM_HEADINGS)
+        by_particles = compare_learned(seen, stack, np.arange(NUM_CELLS), NUM_HEADINGS)
         assert np.unravel_index(np.argmax(by_particles), by_particles.shape) == (cell, heading)
         np.testing.assert_allclose(by_particles.mean(axis=1), CHANCE, atol=1e-5)
         assert np.all(by_particles < CHANCE + 1.0)
@@ -86,8 +87,8 @@ def test_bytes_keep_the_features_and_a_filter_survives_on_disk(features, tmp_pat
 
 def test_an_image_is_mirrored_before_it_is_encoded(encoders):
     gray = np.random.default_rng(8).uniform(0, 255, (WINDOW.height, WINDOW.width)).astype(np.float32)
-    seen = LearnedFeatures(gray, None, encoders, WINDOW)
-    wanted = encoders.features_of_image(np.ascontiguousarray(gray[:, ::-1]), None, WINDOW)
+    seen = LearnedFeatures(gray, EVERYWHERE, encoders, WINDOW)
+    wanted = encoders.features_of_image(np.ascontiguousarray(gray[:, ::-1]), EVERYWHERE, WINDOW)
     np.testing.assert_array_equal(seen.mirrored.features, wanted)
     np.testing.assert_array_equal(seen.mirrored.mirrored.features, seen.features)
     assert np.abs(seen.mirrored.features - seen.features).max() > 1e-3

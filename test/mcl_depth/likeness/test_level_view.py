@@ -53,11 +53,3 @@ def test_photographs_more_than_twice_as_fine_are_averaged_first(focal, size, is_
         halved, is_seen_halved = level_view(small, camera.halve(), T_BODY_OPTICAL, WINDOW)
         assert (np.array_equal(found, halved) and np.array_equal(is_seen, is_seen_halved)) == is_halved
     assert is_seen.any()
-
-
-def test_colors_are_weighed() -> None:
-    camera = Spherical(90, 45)
-    rgb = np.random.default_rng(1).integers(0, 256, (45, 90, 3), dtype=np.uint8)
-    gray = rgb @ np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
-    found = level_view(rgb, camera, np.eye(3), WINDOW)[0]
-    np.testing.assert_allclose(found, level_view(gray, camera, np.eye(3), WINDOW)[0], atol=1e-3)
