@@ -14,14 +14,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from mcap.records import ChunkIndex, Message
+from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
-from sphere_nav.ros.bags.mcap_file import McapFile, read_chunk
+from sphere_nav.ros.bags.mcap_file import McapFile, read_message
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
@@ -30,45 +30,16 @@ from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
-from sphere_nav.ros.maps.writer import (
-    COARSE,
-    EXPERIENCE,
-    FEATURES,
-    FILE_NAME,
-    GRAPH,
-    INFO,
-    KINDS,
-    ORIGIN,
-    SPHERE,
-    SPHERE_ON_BASE,
-    MapDetails,
-    MapWriter,
-    Progress,
-    Stored,
-    save_map,
-)
+from sphere_nav.ros.maps.writer import COARSE, EXPERIENCE, FEATURES, GRAPH, INFO, SPHERE, Stored
+from sphere_nav.ros.maps.writer import FILE_NAME as FILE_NAME
+from sphere_nav.ros.maps.writer import ORIGIN as ORIGIN
+from sphere_nav.ros.maps.writer import SPHERE_ON_BASE as SPHERE_ON_BASE
+from sphere_nav.ros.maps.writer import MapDetails as MapDetails
+from sphere_nav.ros.maps.writer import MapWriter as MapWriter
+from sphere_nav.ros.maps.writer import save_map as save_map
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-__all__ = [
-    "COARSE",
-    "EXPERIENCE",
-    "FEATURES",
-    "FILE_NAME",
-    "GRAPH",
-    "INFO",
-    "KINDS",
-    "ORIGIN",
-    "SPHERE",
-    "SPHERE_ON_BASE",
-    "MapDetails",
-    "MapReader",
-    "MapWriter",
-    "Progress",
-    "open_map",
-    "save_map",
-]
 
 
 def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
@@ -101,19 +72,15 @@ class MapReader:
 
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Read one key sphere, one chunk; BagError if it is missing or damaged."""
-        index = self._chunk_of(sphere_id)
-        message = view_message(self._data_of(index), AugmentedSphere, f"{self.path}: {SPHERE}")
+        message = view_message(self._data_of(sphere_id), AugmentedSphere, f"{self.path}: {SPHERE}")
         if message.id != sphere_id:
-            raise BagError(
-                f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
-            )
+            raise BagError(f"{self.path}: {SPHERE}: expected sphere {sphere_id}, found {message.id}")
         with told_at(f"{self.path}: key sphere {sphere_id}", BagError):
-            sphere = message_to_sphere(message, is_gray=self._is_gray)
-        return sphere
+            return message_to_sphere(message, is_gray=self._is_gray)
 
     def load_message(self, sphere_id: int) -> AugmentedSphere:
         """Read one key sphere as it is stored; BagError if it is missing or damaged."""
-        return self._message_of(self._chunk_of(sphere_id))
+        return self._bag.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
 
     def count_bytes(self, sphere_id: int) -> int:
         """Return what a key sphere takes of the file; BagError if it is missing."""
@@ -125,15 +92,15 @@ class MapReader:
         self._bag.require(COARSE, AugmentedSphere)
         for number, item in enumerate(self._bag.raw([COARSE])):
             with told_at(f"{self.path}: coarse sphere {number} of {len(self.graph)}", BagError):
-                found.add(item.message)
+                found.keep(item.message)
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
 
     def stored(self) -> Iterator[Stored]:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
-        for index, small in zip(self._chunks.values(), self._bag.messages([COARSE]), strict=True):
-            yield self._message_of(index), small.message
+        for sphere_id, small in zip(self._chunks, self._bag.messages([COARSE]), strict=True):
+            yield self.load_message(sphere_id), small.message
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; the features wait on the disk. BagError for damage."""
@@ -229,14 +196,8 @@ class MapReader:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {found}")
         return index
 
-    def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
-        return self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
-
-    def _data_of(self, index: ChunkIndex) -> memoryview:
+    def _data_of(self, sphere_id: int) -> memoryview:
         """Return the bytes of the message of a key sphere."""
-        with told_at(f"{self.path}: chunk at byte {index.chunk_start_offset}", BagError):
-            records = read_chunk(self._bag.files[0].stream, index.chunk_start_offset)
-        found = [record for record in records if isinstance(record, Message)]
-        if len(found) != 1:
-            raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
-        return memoryview(found[0].data)
+        place = self._chunk_of(sphere_id).chunk_start_offset
+        with told_at(f"{self.path}: chunk at byte {place}", BagError):
+            return read_message(self._bag.files[0].stream, place)

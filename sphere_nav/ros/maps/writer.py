@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.records import Message
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_file import read_chunk
-from sphere_nav.ros.bags.reader import deserialize
+from sphere_nav.ros.bags.mcap_file import read_message
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter, describe_partial
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
@@ -100,7 +98,7 @@ class MapWriter:
         self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
         for topic, kind in KINDS.items():
             self._bag.add_topic(topic, kind, qos.LATCHED)
-        self._small = Spool(self._bag.partial)
+        self._small = Spool(bytes, self._bag.partial)
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere."""
@@ -116,22 +114,25 @@ class MapWriter:
         self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
         if any(node.experience != Experience() for node in graph) and not self._experiences:
             self._tell_experiences(graph)  # so that a torn map has them
-        self._bag.end_chunk()
+        self._bag.flush()
 
     def load(self, sphere_id: int) -> Sphere:
         """Read a key sphere back; BagError where it was not added."""
         if sphere_id not in self._places:
             raise BagError(f"{self.path}: key sphere {sphere_id}: expected one that was written, found none")
-        return message_to_sphere(self._message_at(self._places[sphere_id]))
+        folder = self._bag.partial if self._bag.partial.exists() else self.path
+        with (folder / FILE_NAME).open("rb") as file:
+            data = read_message(file, self._places[sphere_id])
+        return message_to_sphere(view_message(data, AugmentedSphere, str(self.path)))
 
     def copy(self, stored: Stored) -> None:
         """Write a key sphere as another map has it."""
         whole, small = stored
-        self._bag.end_chunk()
+        self._bag.flush()
         self._places[int(whole.id)] = self._bag.position
         self._bag.write(SPHERE, whole, stamp_ns(whole))
-        self._small.add(serialize_to_store(small))
-        self._bag.end_chunk()
+        self._small.add(int(small.id), serialize_to_store(small))
+        self._bag.flush()
 
     @property
     def num_spheres(self) -> int:
@@ -147,11 +148,11 @@ class MapWriter:
         if [node.id for node in nodes] != list(self._places):
             found = f"found {len(self._places)} written"
             raise BagError(f"{self.path}: graph: expected {len(nodes)} key spheres, {found}")
-        for stamp, small in zip(_in_order(nodes), self._small, strict=True):
-            self._bag.write_bytes(COARSE, small, stamp)
-        self._bag.end_chunk()
+        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
+            self._bag.write_bytes(COARSE, self._small[node.id], stamp)
+        self._bag.flush()
         self._write_features(nodes, appearance)
-        self._bag.end_chunk()
+        self._bag.flush()
         self._small.close()
         last = max(node.stamp_ns for node in nodes)
         if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
@@ -175,13 +176,6 @@ class MapWriter:
         self._experiences = experiences_to_messages(graph, self.details.frame_id)
         for message in self._experiences:
             self._bag.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
-
-    def _message_at(self, place: int) -> AugmentedSphere:
-        folder = self._bag.partial if self._bag.partial.exists() else self.path
-        with (folder / FILE_NAME).open("rb") as file:
-            records = read_chunk(file, place)
-        data = next(record.data for record in records if isinstance(record, Message))
-        return deserialize(data, AugmentedSphere, str(self.path))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
