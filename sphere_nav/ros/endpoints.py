@@ -113,6 +113,14 @@ class Endpoints(ABC):
 
     # --- what a backend does
     @abstractmethod
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object."""
+
+    @abstractmethod
+    def finish(self, status: int) -> None:
+        """End the process in order; a replay ends with its bag."""
+
+    @abstractmethod
     def now_ns(self) -> int:
         """Return the node's time in nanoseconds, simulated or recorded where that is used; 0 before /clock is heard."""
 
@@ -245,15 +253,3 @@ class Endpoints(ABC):
         if change != self._changes.get(name, ""):
             (self.log.info if level == OK else self.log.warning)(message, every=every, key=change)
         self._changes[name] = change
-
-
-class NodeShell(Endpoints):
-    """What is beneath a node as a whole."""
-
-    @abstractmethod
-    def read_parameters(self, cls: type[Any]) -> Any:
-        """Return the parameters object."""
-
-    @abstractmethod
-    def finish(self, status: int) -> None:
-        """End the process, or the replay, in order."""

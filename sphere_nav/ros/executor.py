@@ -90,7 +90,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         """
 
         def wake(done: Future) -> None:
-            self.create_task(_nothing)  # a bare wake-up does not end the wait of `spin_once`
+            self.create_task(lambda: None)  # a bare wake-up does not end the wait of `spin_once`
 
         stopped.add_done_callback(wake)
         try:
@@ -145,7 +145,3 @@ def entity_name(entity: Any) -> str:
     if name is None and hasattr(entity, "timer_period_ns"):
         name = f"of {entity.timer_period_ns * 1e-9:g} s"
     return f"{type(entity).__name__.lower()} {name or ''}".rstrip()
-
-
-def _nothing() -> None:
-    """Be called, so that `spin_once` returns."""

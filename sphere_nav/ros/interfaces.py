@@ -37,8 +37,7 @@ def from_bytes(data: bytes, kind: type[Any], max_bytes: int | None = None) -> An
 def message_class(name: str) -> type[Any]:
     """Return the class of `package/msg/Type`; ValueError where the package is not installed."""
     package, folder, kind = _parts(name)
-    if _share(package, f"{folder}/{kind}.msg") is None:  # a name in a file must not import whatever it likes
-        raise ValueError(f"{name}: message type is not installed here")
+    _definition(name)  # a name in a file must not import whatever it likes
     try:
         found: type[Any] = getattr(import_module(f"{package}.{folder}"), kind)
     except (ImportError, AttributeError):
@@ -95,7 +94,7 @@ def _definition(name: str) -> str:
     package, folder, kind = _parts(name)
     path = _share(package, f"{folder}/{kind}.msg")
     if path is None:
-        raise ValueError(f"{name}: definition not found: share/{package}/{folder}/{kind}.msg of an ament prefix")
+        raise ValueError(f"{name}: message type is not installed here: no share/{package}/{folder}/{kind}.msg")
     return path.read_text()
 
 

@@ -17,7 +17,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sphere_nav.ros import qos
+from sphere_nav.ros import parameters, qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
@@ -61,6 +61,7 @@ class RclpyShell(Endpoints, Node):
     def open_shell(self) -> None:
         """Begin: after rclpy's constructor, when parameters are declared."""
         self.is_active = False
+        self.on_finish: Callable[[int], None] = lambda status: None
         self._entities: list[Callable[[], object]] = []
         self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
         self._own_publishers: list[Publisher] = []
@@ -69,6 +70,14 @@ class RclpyShell(Endpoints, Node):
         self.create_timer(HEALTH_PERIOD, self._tell_health, clock=self._steady)
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
+
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object with the present values."""
+        return parameters.read(self, cls)
+
+    def finish(self, status: int) -> None:
+        """End the process after this callback."""
+        self.on_finish(status)
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards."""
@@ -208,8 +217,11 @@ class RclpyShell(Endpoints, Node):
         self._tell_ready()
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
-        callbacks = self._status(self.callbacks_name, *self.failures.examine())
-        array = DiagnosticArray(status=[*self._life(), callbacks, *self._lacks(), *self._reported()])
+        inputs = self.inputs if self.is_active else ()
+        entries = [(self.callbacks_name, self.failures.examine())]
+        entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
+        entries += self.reports.items()
+        array = DiagnosticArray(status=[*self._life(), *(self._status(name, *entry) for name, entry in entries)])
         array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)
 
@@ -236,13 +248,6 @@ class RclpyShell(Endpoints, Node):
 
     def _life(self) -> Iterable[DiagnosticStatus]:
         return ()
-
-    def _lacks(self) -> list[DiagnosticStatus]:
-        inputs = self.inputs if self.is_active else ()
-        return [self._status(f"input {wanted.topic}", *examine_input(self, wanted)) for wanted in inputs]
-
-    def _reported(self) -> list[DiagnosticStatus]:
-        return [self._status(name, *entry) for name, entry in self.reports.items()]
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
