@@ -93,7 +93,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Answered": (lambda: Answered(None, print, print), "forget", "times answer catch_up is_patient"),
     "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
-                     "endpoints params tf odometry on_picture on_refusal name lens place waiting images"),
+                     "endpoints params tf odometry on_picture on_refusal name lens place waiting images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlDrives": (lambda: ControlDrives(0.5, 1.0), "reset", ""),

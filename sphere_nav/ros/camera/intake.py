@@ -13,7 +13,7 @@ from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth
+from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.camera.stream import CameraStream, Picture
@@ -97,6 +97,11 @@ class Cameras:
         return next(iter(self._faults.values()), FINE)
 
     @property
+    def lack(self) -> str:
+        """The calibration that nobody has sent yet; empty where each camera has one."""
+        return next((stream.lens_topics for stream in self._streams.values() if stream.needs_lens), "")
+
+    @property
     def is_mounted(self) -> bool:
         """Whether it is known where some camera is on the base."""
         return any(stream.T_base_camera is not None for stream in self._streams.values())
@@ -156,7 +161,7 @@ class Cameras:
         self._on_picture(replace(picture, depth=depth))
 
     def _convert(self, message: AnyImage, camera: Camera) -> DepthImage:
-        depth_m, info, T_image_depth = read_depth(message), self._depth_info, SE3.identity()
+        depth_m, info, T_image_depth = conversions.depth_to_meters(message), self._depth_info, SE3.identity()
         if info is not None:
             is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self._depth.resolved)
             camera = conversions.camera_from_info(conversions.as_rectified(info, is_rectified=is_rectified))

@@ -73,6 +73,7 @@ class CameraStream:
         self.forget_camera()
         profile = qos.DEEP if params.every_image else qos.SENSOR
         prefix = f"cameras/{name}/" if name else ""
+        self.lens_topics = f"{prefix}camera_info, or {prefix}sphere_info of a panorama"
         if lens is None and not params.is_panorama:
             add = partial(endpoints.add_subscription, profile=profile, is_required=False)  # one of the two comes
             add(f"{prefix}camera_info", CameraInfo, self._on_camera_info)
@@ -97,6 +98,11 @@ class CameraStream:
     def lack(self) -> Verdict:
         """What images wait for; FINE where none waits."""
         return self._find_mounting(self._waiting[0]) if self._waiting else FINE
+
+    @property
+    def needs_lens(self) -> bool:
+        """Whether no calibration has come yet."""
+        return self.camera is None and not self._is_refused and not self._params.is_panorama
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self.images.resolved)

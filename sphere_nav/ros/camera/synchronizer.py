@@ -50,8 +50,7 @@ class Instant:
 class _Open:
     stamp_ns: int
     opened_ns: int
-    images: dict[str, Any] = field(default_factory=dict)
-    stamps: dict[str, int] = field(default_factory=dict)
+    images: dict[str, tuple[int, Any]] = field(default_factory=dict)  # with their stamps
 
 
 class Synchronizer:
@@ -143,7 +142,7 @@ class Synchronizer:
         else:
             chosen = _Open(stamp_ns, now_ns)
             insort(self._open, chosen, key=lambda one: one.stamp_ns)
-        chosen.images[name], chosen.stamps[name] = image, stamp_ns
+        chosen.images[name] = stamp_ns, image
 
     def _note(self, name: str, stamp_ns: int, image: Any) -> None:
         """Take down what a camera delivers, and whether that is new."""
@@ -158,7 +157,7 @@ class Synchronizer:
     def _close(self, one: _Open) -> Instant:
         """Check the cameras of an instant."""
         self._closed_ns = max(self._closed_ns, one.stamp_ns)
-        images, notes = {name: one.images[name] for name in self.names if name in one.images}, {}
+        images, notes = {name: one.images[name][1] for name in self.names if name in one.images}, {}
         frozen = self._find_frozen()
         for name in self.names:
             health = self.health[name]
@@ -171,7 +170,7 @@ class Synchronizer:
                 notes[name] = problem
                 health.num_missing += 1
             health.problem = problem
-        stamp_ns = next(one.stamps[name] for name in self.names if name in one.stamps)
+        stamp_ns = next(one.images[name][0] for name in self.names if name in one.images)
         return Instant(stamp_ns, images, notes)
 
     def _find_frozen(self) -> set[str]:

@@ -18,7 +18,6 @@ from sphere_nav.ros.conversions.graphs import graph_to_message as graph_to_messa
 from sphere_nav.ros.conversions.graphs import message_to_graph as message_to_graph
 from sphere_nav.ros.conversions.images import Levels as Levels
 from sphere_nav.ros.conversions.images import array_to_image as array_to_image
-from sphere_nav.ros.conversions.images import compressed_to_array as compressed_to_array
 from sphere_nav.ros.conversions.images import decompress as decompress
 from sphere_nav.ros.conversions.images import depth_to_meters as depth_to_meters
 from sphere_nav.ros.conversions.images import image_to_array as image_to_array
