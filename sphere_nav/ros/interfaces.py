@@ -48,16 +48,11 @@ def message_class(name: str) -> type[Any]:
 @cache
 def schema_text(name: str) -> str:
     """Return the .msg text followed by those of all types it uses, as `ros2msg` schemas have it."""
-    texts = [_definition(name)]
-    seen = {name}
-    queue = _used_types(name)
-    while queue:
-        inner = queue.pop(0)
-        if inner not in seen:
-            seen.add(inner)
-            texts.append(f"{SEPARATOR}\nMSG: {inner.replace('/msg/', '/')}\n{_definition(inner)}")
-            queue += _used_types(inner)
-    return "\n".join(texts)
+    names = [name]
+    for user in names:  # which grows
+        names += [used for used in dict.fromkeys(_used_types(user)) if used not in names]
+    others = (f"{SEPARATOR}\nMSG: {one.replace('/msg/', '/')}\n{_definition(one)}" for one in names[1:])
+    return "\n".join([_definition(name), *others])
 
 
 @cache

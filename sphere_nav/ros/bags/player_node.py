@@ -120,9 +120,8 @@ class BagPlayer(ManagedNode):
             self.playback.pause()
             return
         end = time.monotonic() + PLAY_BUSY
-        while (item := self.playback.due()) is not None and time.monotonic() < end:
+        while time.monotonic() < end and (item := self.playback.take()) is not None:
             self._publish(item)
-            self.playback.take()
             self.progress(self.playback.done, self.playback.total)
         self._tell_time()
         if self.playback.next is None:

@@ -82,8 +82,8 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     graph = SphereGraph([node for node in known if node.id in kept], edges)
     for one in experiences:
         graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
-    names = {"source": info.source, "parameters": load_yaml(file, info.parameters), "rig": info.rig}
-    details = MapDetails(told.map_id, told.software, frame_id=told.header.frame_id, **names)
+    parameters = load_yaml(file, info.parameters)
+    details = MapDetails(told.map_id, told.software, info.source, parameters, info.rig, told.header.frame_id)
     spheres = (message for topic, message in _readable(file) if topic == SPHERE)
     write_stored(Path(target), graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
     return len(kept)
