@@ -23,6 +23,11 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatu
 Answer = Callable[[Any, str], None]  # gets the response and an empty text, or None and why there is none
 
 
+def base_topic(topic: str) -> str:
+    """Return a topic of images without the ending of its transport."""
+    return topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
+
+
 class ThrottledLog:
     """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
 
@@ -200,7 +205,7 @@ class Endpoints(ABC):
         wanted = Subscription(
             topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
         )
-        base = topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
+        base = base_topic(topic)
         if base in self.driver_topics:
             wanted.source = self.driver_topics[base] + topic[len(base) :]
         self.inputs.append(wanted)
