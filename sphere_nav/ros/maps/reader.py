@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
@@ -47,28 +47,29 @@ def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
     return MapReader(path, is_gray=is_gray)
 
 
-class MapReader:
+class MapReader(BagReader):
     """An open map: the graph is read at once, spheres when they are asked for.
 
     `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
     """
 
     def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
-        self.path, self._is_gray = Path(path), is_gray
-        file = self.path / FILE_NAME if self.path.is_dir() else self.path
-        if self.path.is_dir() and not file.is_file():
+        folder = Path(path)
+        file = folder / FILE_NAME if folder.is_dir() else folder
+        if folder.is_dir() and not file.is_file():
             raise BagError(f"{file}: expected a map, found no such file")
-        self._bag = BagReader(file)
-        try:
-            if not isinstance(self._bag.files[0], McapFile):
-                raise BagError(f"{file}: expected a map with an index, found none")
-            self.info = self._read_info()
-            self.graph = self._read_graph()
-            self.parameters = self._read_parameters()
-            self._chunks = self._find_spheres()
-        except BaseException:
-            self._bag.close()
-            raise
+        self._is_gray = is_gray
+        super().__init__(file)
+        self.path = folder
+
+    def _open(self) -> None:
+        super()._open()
+        if not isinstance(self.files[0], McapFile):
+            raise BagError(f"{self.path}: expected a map with an index, found none")
+        self.info = self._read_info()
+        self.graph = self._read_graph()
+        self.parameters = self._read_parameters()
+        self._chunks = self._find_spheres()
 
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Read one key sphere, one chunk; BagError if it is missing or damaged."""
@@ -80,7 +81,7 @@ class MapReader:
 
     def load_message(self, sphere_id: int) -> AugmentedSphere:
         """Read one key sphere as it is stored; BagError if it is missing or damaged."""
-        return self._bag.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
+        return self.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
 
     def count_bytes(self, sphere_id: int) -> int:
         """Return what a key sphere takes of the file; BagError if it is missing."""
@@ -89,8 +90,8 @@ class MapReader:
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; they wait on the disk. BagError if one is missing or damaged."""
         found = CompactSpheres()
-        self._bag.require(COARSE, AugmentedSphere)
-        for number, item in enumerate(self._bag.raw([COARSE])):
+        self.require(COARSE, AugmentedSphere)
+        for number, item in enumerate(self.raw([COARSE])):
             with told_at(f"{self.path}: coarse sphere {number} of {len(self.graph)}", BagError):
                 found.keep(item.message)
         if found.keys() != self.graph.nodes.keys():
@@ -99,15 +100,15 @@ class MapReader:
 
     def stored(self) -> Iterator[Stored]:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
-        for sphere_id, small in zip(self._chunks, self._bag.messages([COARSE]), strict=True):
+        for sphere_id, small in zip(self._chunks, self.messages([COARSE]), strict=True):
             yield self.load_message(sphere_id), small.message
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; the features wait on the disk. BagError for damage."""
         index, ids = AppearanceIndex(CompactFeatures()), sorted(self.graph.nodes)
-        if self._bag.require(FEATURES, PointCloud2).count != len(ids):
+        if self.require(FEATURES, PointCloud2).count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
-        for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
+        for sphere_id, item in zip(ids, self.raw([FEATURES]), strict=True):
             with told_at(f"{self.path}: features of key sphere {sphere_id}", BagError):
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
@@ -116,7 +117,7 @@ class MapReader:
     @property
     def num_bytes(self) -> int:
         """Size of its file."""
-        return self._bag.files[0].path.stat().st_size
+        return self.files[0].path.stat().st_size
 
     @cached_property
     def num_other_bytes(self) -> int:
@@ -135,19 +136,9 @@ class MapReader:
         with told_at(self.path, BagError):
             return None if values is None else parse_mounting(values, SPHERE_ON_BASE)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._bag.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self.close()
-
     def _read_info(self) -> MapInfo:
-        self._bag.require(INFO, MapInfo)
-        info: MapInfo = list(self._bag.messages([INFO]))[-1].message
+        self.require(INFO, MapInfo)
+        info: MapInfo = list(self.messages([INFO]))[-1].message
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
             raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
@@ -156,11 +147,11 @@ class MapReader:
         return info
 
     def _read_graph(self) -> SphereGraph:
-        self._bag.require(GRAPH, KeySphereGraph)
-        message = list(self._bag.messages([GRAPH]))[-1].message
-        if EXPERIENCE in self._bag.topics and self._bag.topics[EXPERIENCE].count:
-            self._bag.require(EXPERIENCE, MapExperience)
-        told = [item.message for item in self._bag.messages([EXPERIENCE])]
+        self.require(GRAPH, KeySphereGraph)
+        message = list(self.messages([GRAPH]))[-1].message
+        if EXPERIENCE in self.topics and self.topics[EXPERIENCE].count:
+            self.require(EXPERIENCE, MapExperience)
+        told = [item.message for item in self.messages([EXPERIENCE])]
         with told_at(f"{self.path}: graph", BagError):
             graph = messages_to_experiences(message_to_graph(message), told)
         if not len(graph):
@@ -178,13 +169,13 @@ class MapReader:
 
     def _find_spheres(self) -> dict[int, ChunkIndex]:
         """Return the chunk of every key sphere: spheres are stored in order of id, one a chunk."""
-        self._bag.require(SPHERE, AugmentedSphere)
-        file = self._bag.files[0]
+        self.require(SPHERE, AugmentedSphere)
+        file = self.files[0]
         channels = {channel.id for channel in file.summary.channels.values() if channel.topic == SPHERE}
         chunks = [index for index in file.summary.chunk_indexes if channels & index.message_index_offsets.keys()]
         chunks.sort(key=lambda index: index.chunk_start_offset)
         ids = sorted(node.id for node in self.graph)
-        found = self._bag.topics[SPHERE].count
+        found = self.topics[SPHERE].count
         if len(chunks) != len(ids) or found != len(ids):
             raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
         return dict(zip(ids, chunks, strict=True))
@@ -200,4 +191,4 @@ class MapReader:
         """Return the bytes of the message of a key sphere."""
         place = self._chunk_of(sphere_id).chunk_start_offset
         with told_at(f"{self.path}: chunk at byte {place}", BagError):
-            return read_message(self._bag.files[0].stream, place)
+            return read_message(self.files[0].stream, place)
