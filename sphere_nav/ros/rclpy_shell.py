@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from copy import copy
 from math import inf
 from typing import Any, cast
@@ -62,7 +63,7 @@ class RclpyShell(Endpoints, Node):
         """Begin: after rclpy's constructor, when parameters are declared."""
         self.is_active = False
         self.on_finish: Callable[[int], None] = lambda status: None
-        self._entities: list[Callable[[], object]] = []
+        self._entities = ExitStack()  # destroyed when the node is cleaned up
         self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
         self._own_publishers: list[Publisher] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
@@ -131,7 +132,7 @@ class RclpyShell(Endpoints, Node):
             qos_overriding_options=options,
         )
         wanted.resolved = wanted.handle.topic_name
-        self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+        self._entities.callback(self.destroy_subscription, wanted.handle)
 
     def take_waiting(self, wanted: Subscription) -> None:
         """Deliver at once the messages of a topic that have come and wait for their turn."""
@@ -159,18 +160,18 @@ class RclpyShell(Endpoints, Node):
             qos_overriding_options=options,
         )
         self._own_publishers.append(publisher)
-        self._entities.append(lambda: self.destroy_publisher(publisher))
+        self._entities.callback(self.destroy_publisher, publisher)
         return LivePublisher(self, publisher)
 
     def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
-        self._entities.append(lambda: self.destroy_service(service))
+        self._entities.callback(self.destroy_service, service)
 
     def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
         """Make a client of a service, which answers at once where nobody offers that, else by the executor."""
         client = self.create_client(kind, name)
-        self._entities.append(lambda: self.destroy_client(client))
+        self._entities.callback(self.destroy_client, client)
 
         def call(request: Any, answer: Answer) -> None:
             if client.service_is_ready():
@@ -190,7 +191,7 @@ class RclpyShell(Endpoints, Node):
                 self.failures.add(error, where)
 
         server = serve_action(self, kind, name, calls, report)
-        self._entities.append(server.destroy)
+        self._entities.callback(server.destroy)
 
     def unlisten(self, wanted: Subscription) -> None:
         """Unsubscribe."""
@@ -204,11 +205,10 @@ class RclpyShell(Endpoints, Node):
                 callback()
 
         timer = self.create_timer(seconds, tick, clock=self._steady if is_wall else self.get_clock())
-        self._entities.append(lambda: self.destroy_timer(timer))
+        self._entities.callback(self.destroy_timer, timer)
 
     def _release(self) -> None:
-        while self._entities:
-            self._entities.pop()()
+        self._entities.close()
         self._own_publishers.clear()
         self.clear()
 
