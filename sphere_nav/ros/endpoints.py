@@ -14,7 +14,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import REQUEST_PERIOD
 from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
@@ -228,11 +227,7 @@ class Endpoints(ABC):
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
-
-        def report(text: str, failure: str) -> None:
-            self.log.error(text, every=REQUEST_PERIOD, key=f"service {failure}")
-
-        self.serve(name, kind, answer_always(handler, name, report))
+        self.serve(name, kind, answer_always(handler, name, self.log))
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -177,7 +176,3 @@ def whole_number(word: str) -> int:
 def main() -> int:
     """Run the node."""
     return run(BagPlayer)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

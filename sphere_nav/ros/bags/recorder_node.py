@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -150,7 +149,3 @@ class BagRecorder(ManagedNode):
 def main() -> int:
     """Run the node."""
     return run(BagRecorder)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

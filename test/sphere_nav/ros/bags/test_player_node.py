@@ -20,6 +20,7 @@ from sphere_nav.ros.conversions import array_to_image
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN
 from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.cli.processes import node_command
 from worlds.desk import Desk
 
 PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
@@ -30,8 +31,7 @@ START, STEP = 7_000_000_000, 50_000_000
 def start(spawn):
     def begin(node, *more, **values):
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")] + list(more)
-        command = [sys.executable, "-m", f"sphere_nav.ros.bags.{node.removeprefix('bag_')}_node", "--ros-args", *words]
-        return spawn(command)
+        return spawn(node_command(node, "--ros-args", *words))
 
     return begin
 
