@@ -154,7 +154,7 @@ class Samples:
                 bag.write("text", String(data=self.rng.bytes(40).hex()), number * SECOND)
                 bag.write("stamp", Header(frame_id=str(number)), number * SECOND + 1)
                 if number % 10 == 9:
-                    bag.end_chunk()
+                    bag.flush()
         plain = [("/text", number, String(data=str(number))) for number in range(20)]
         return self.folder / "bag" / "bag_0.mcap", mcap(use_chunking=False)(self.folder / "plain", plain)
 

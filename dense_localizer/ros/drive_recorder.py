@@ -28,7 +28,7 @@ from dense_localizer.key_images import KeyImages, is_explained, is_lesson
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.writer import PARTIAL, BagWriter
+from sphere_nav.ros.bags.writer import PARTIAL, BagWriter, free_path
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.service import one_line
 
@@ -79,7 +79,7 @@ class DriveRecorder:
         try:
             if self._bag is None:
                 name = datetime.fromtimestamp(stamp * 1e-9, UTC).strftime("%Y%m%d_%H%M%S")
-                self._bag = BagWriter.at_free_path(self._folder / name)
+                self._bag = BagWriter(free_path(self._folder / name))
             for one in images:
                 for topic, message in self._messages(one, estimate):
                     self._bag.write(topic, message, stamp)

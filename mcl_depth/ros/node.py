@@ -20,7 +20,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, BaseEstimate, Status, Verdict
 from sphere_nav.ros import qos
 from sphere_nav.ros.camera.stream import Picture
-from sphere_nav.ros.conversions.beliefs import imu_attitude
+from sphere_nav.ros.conversions.poses import imu_attitude
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.run import run

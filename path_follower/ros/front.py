@@ -14,7 +14,8 @@ from multiprocessing.connection import Connection
 from typing import Any, ClassVar, Protocol, cast
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.node import ManagedNode, NodeShell
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformError, Transforms
 
 PATIENCE, LONG_PATIENCE = 2.0, 20.0  # s for an answer of the loop, whose cycle is milliseconds; and until it is made
@@ -61,7 +62,7 @@ class FrontNode(ManagedNode):
     LOOP_CLASS: ClassVar[type[Any]]
     transforms: Transforms | None = None  # made by subclasses whose loop needs them
 
-    def __init__(self, shell: NodeShell) -> None:
+    def __init__(self, shell: Endpoints) -> None:
         """Connect with the loop that started this process, if one did."""
         super().__init__(shell)
         self.remote = connected() if shell.is_live else None

@@ -17,7 +17,7 @@ from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, repor
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.drivers import read_driver
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
+from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.spheres.sphere import Sphere
@@ -104,7 +104,8 @@ class Intake:
 
     def _on_image(self, topic: str, message: AnyImage) -> None:
         stamp = conversions.stamp_ns(message)
-        pixels = read_depth(message) if topic == DEPTH else read_rgb(message, levels=self._levels[topic])
+        is_depth, levels = topic == DEPTH, self._levels[topic]
+        pixels = conversions.depth_to_meters(message) if is_depth else conversions.image_to_rgb(message, levels)
         if topic == TOPICS[self._params.input][0]:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo

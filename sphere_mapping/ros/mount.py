@@ -19,7 +19,7 @@ from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.conversions.beliefs import imu_attitude
+from sphere_nav.ros.conversions.poses import imu_attitude
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformError, TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere

@@ -55,7 +55,7 @@ class SphereMapper(ManagedNode):
         self.odometry, self.path = self.add_publisher("odometry", Odometry), self.add_publisher("path", Path)
         map_frame, base_frame = self.params.map_frame, self.params.base_frame
         self.tf = TransformListener(self.endpoints, ignored=map_frame)
-        self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame)
+        self.odom = OdometryInput(self.endpoints, self.tf, base_frame)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
         self.vehicle = VehicleFrame(self.endpoints, self.params, self.tf, is_live=self.endpoints.is_live)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report, find_mount=self.vehicle.find)

@@ -27,11 +27,6 @@ class ActionGoal:
         self._handle, self._is_over = handle, False
         self.request: Any = plain_frames(handle.request)
 
-    @property
-    def is_canceled(self) -> bool:
-        """Whether the client wants it to end."""
-        return bool(self._handle.is_cancel_requested)
-
     def publish(self, feedback: Any) -> None:
         """Tell the client how it goes."""
         if not self._is_over:

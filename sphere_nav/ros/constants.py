@@ -14,7 +14,7 @@ MAX_LOOK_S = 0.1  # between two looks at the clock
 MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been judged after so long
 
 # Images of an instant (camera/test_synchronizer, camera/test_intake)
-DEPTH_SLACK_S = 0.01  # depth of one instant differs by less: a third of a period at 30 Hz (camera/test_depth_intake)
+DEPTH_SLACK_S = 0.01  # depth of one instant differs by less: a third of a period at 30 Hz (camera/test_intake)
 MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
 BACK_NS = 1_000_000_000  # stamps so far before the last instant, or before now, are of another time, as of a recording
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
@@ -41,12 +41,12 @@ SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publi
 
 # Failures (test_executor)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
-MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
+MAX_RECENT = 3  # failures within that time, and something does not work
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 LOG_PERIOD_S = 5.0  # between two equal lines of the log
 
-# Bags that are played and recorded (bags/test_player_node, bags/test_playback, bags/test_writer)
+# Bags that are played and recorded (bags/test_player_node, bags/test_player, bags/test_writer)
 PLAY_TICK = 0.005  # s between two looks at what is due
 PLAY_BUSY = 0.05  # s that one tick may publish before others get a turn
 ACKNOWLEDGED_SIZE = 1 << 16  # B; smaller messages are acknowledged by the next heartbeat, seconds later

@@ -14,13 +14,17 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import REQUEST_PERIOD
 from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
 Answer = Callable[[Any, str], None]  # gets the response and an empty text, or None and why there is none
+
+
+def base_topic(topic: str) -> str:
+    """Return a topic of images without the ending of its transport."""
+    return topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
 
 
 class ThrottledLog:
@@ -113,6 +117,14 @@ class Endpoints(ABC):
 
     # --- what a backend does
     @abstractmethod
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object."""
+
+    @abstractmethod
+    def finish(self, status: int) -> None:
+        """End the process in order; a replay ends with its bag."""
+
+    @abstractmethod
     def now_ns(self) -> int:
         """Return the node's time in nanoseconds, simulated or recorded where that is used; 0 before /clock is heard."""
 
@@ -192,7 +204,7 @@ class Endpoints(ABC):
         wanted = Subscription(
             topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
         )
-        base = topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
+        base = base_topic(topic)
         if base in self.driver_topics:
             wanted.source = self.driver_topics[base] + topic[len(base) :]
         self.inputs.append(wanted)
@@ -215,11 +227,7 @@ class Endpoints(ABC):
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
-
-        def report(text: str, failure: str) -> None:
-            self.log.error(text, every=REQUEST_PERIOD, key=f"service {failure}")
-
-        self.serve(name, kind, answer_always(handler, name, report))
+        self.serve(name, kind, answer_always(handler, name, self.log))
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
@@ -245,15 +253,3 @@ class Endpoints(ABC):
         if change != self._changes.get(name, ""):
             (self.log.info if level == OK else self.log.warning)(message, every=every, key=change)
         self._changes[name] = change
-
-
-class NodeShell(Endpoints):
-    """What is beneath a node as a whole."""
-
-    @abstractmethod
-    def read_parameters(self, cls: type[Any]) -> Any:
-        """Return the parameters object."""
-
-    @abstractmethod
-    def finish(self, status: int) -> None:
-        """End the process, or the replay, in order."""

@@ -12,16 +12,16 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.task import Future
 
-from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_IN_ROW, MAX_WAITS, PAUSE_S, RECENT_S
+from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_RECENT, MAX_WAITS, PAUSE_S, RECENT_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, ThrottledLog
 from sphere_nav.ros.service import one_line
 
@@ -33,28 +33,21 @@ class CallbackFailures:
         self._log, self._clock = log, clock
         self.num_failed = 0
         self.last_failure = ""
-        self._last_s = -RECENT_S
+        self._times_s: deque[float] = deque(maxlen=MAX_RECENT)  # of the last ones
         self._traced: set[str] = set()
-        self._in_row: WeakKeyDictionary[Any, tuple[int, float]] = WeakKeyDictionary()  # with the time of the last, s
 
-    def add(self, error: BaseException, where: str, entity: Any = None) -> None:
-        """Count what a callback raised; `entity` is what rclpy called: a subscription, timer or service."""
+    def add(self, error: BaseException, where: str) -> None:
+        """Count what a callback raised."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "nowhere"
-        self.num_failed, self._last_s = self.num_failed + 1, self._clock()
+        self.num_failed += 1
+        self._times_s.append(self._clock())
         self.last_failure = f"{where}: {one_line(error)} ({place})"
-        if entity is not None:
-            self._in_row[entity] = self._in_row.get(entity, (0, 0.0))[0] + 1, self._last_s
         kind = f"{type(error).__name__} {where} {place}"
         if kind not in self._traced:
             self._traced.add(kind)
             self._log.error("".join(traceback.format_exception(error)).rstrip())
         self._log.error(f"callback failed: {self.last_failure}", every=LOG_PERIOD_S, key=f"callback {kind}")
-
-    def clear(self, entity: Any) -> None:
-        """Take note that a callback succeeded; None: a task, which runs once."""
-        if self._in_row and entity is not None:
-            self._in_row.pop(entity, None)
 
     def guard(self, step: Callable[[], object], where: str) -> None:
         """Carry out a part of a callback; the parts after it go on, whatever it raises."""
@@ -64,12 +57,10 @@ class CallbackFailures:
             self.add(error, where)
 
     def examine(self) -> tuple[int, str, dict[str, Any]]:
-        """Return level, line and count for the diagnostics; ERROR while a callback fails each time."""
-        now = self._clock()
-        level, text = OK, "all callbacks succeed"
-        if now - self._last_s < RECENT_S:
-            worst = max((count for count, last_s in self._in_row.values() if now - last_s < RECENT_S), default=0)
-            level, text = ERROR if worst >= MAX_IN_ROW else WARN, self.last_failure
+        """Return level, line and count for the diagnostics; ERROR while callbacks fail again and again."""
+        num_recent = sum(self._clock() - time_s < RECENT_S for time_s in self._times_s)
+        level = ERROR if num_recent == MAX_RECENT else WARN if num_recent else OK
+        text = self.last_failure if num_recent else "all callbacks succeed"
         return level, text, {"failed": self.num_failed, "last": self.last_failure}
 
 
@@ -90,7 +81,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         """
 
         def wake(done: Future) -> None:
-            self.create_task(_nothing)  # a bare wake-up does not end the wait of `spin_once`
+            self.create_task(lambda: None)  # a bare wake-up does not end the wait of `spin_once`
 
         stopped.add_done_callback(wake)
         try:
@@ -120,11 +111,9 @@ class GuardedExecutor(SingleThreadedExecutor):
         self._num_failed_waits = 0
         handler()
         raised = handler.exception()
-        if raised is None:
-            self.failures.clear(entity)
-        else:
+        if raised is not None:
             self._release(entity)
-            self.failures.add(raised, entity_name(entity), entity)
+            self.failures.add(raised, entity_name(entity))
 
     def _release(self, entity: Any) -> None:
         """Have an entity served again: rclpy leaves it and its group busy where its message could not be taken."""
@@ -145,7 +134,3 @@ def entity_name(entity: Any) -> str:
     if name is None and hasattr(entity, "timer_period_ns"):
         name = f"of {entity.timer_period_ns * 1e-9:g} s"
     return f"{type(entity).__name__.lower()} {name or ''}".rstrip()
-
-
-def _nothing() -> None:
-    """Be called, so that `spin_once` returns."""

@@ -37,8 +37,7 @@ def from_bytes(data: bytes, kind: type[Any], max_bytes: int | None = None) -> An
 def message_class(name: str) -> type[Any]:
     """Return the class of `package/msg/Type`; ValueError where the package is not installed."""
     package, folder, kind = _parts(name)
-    if _share(package, f"{folder}/{kind}.msg") is None:  # a name in a file must not import whatever it likes
-        raise ValueError(f"{name}: message type is not installed here")
+    _definition(name)  # a name in a file must not import whatever it likes
     try:
         found: type[Any] = getattr(import_module(f"{package}.{folder}"), kind)
     except (ImportError, AttributeError):
@@ -49,16 +48,11 @@ def message_class(name: str) -> type[Any]:
 @cache
 def schema_text(name: str) -> str:
     """Return the .msg text followed by those of all types it uses, as `ros2msg` schemas have it."""
-    texts = [_definition(name)]
-    seen = {name}
-    queue = _used_types(name)
-    while queue:
-        inner = queue.pop(0)
-        if inner not in seen:
-            seen.add(inner)
-            texts.append(f"{SEPARATOR}\nMSG: {inner.replace('/msg/', '/')}\n{_definition(inner)}")
-            queue += _used_types(inner)
-    return "\n".join(texts)
+    names = [name]
+    for user in names:  # which grows
+        names += [used for used in dict.fromkeys(_used_types(user)) if used not in names]
+    others = (f"{SEPARATOR}\nMSG: {one.replace('/msg/', '/')}\n{_definition(one)}" for one in names[1:])
+    return "\n".join([_definition(name), *others])
 
 
 @cache
@@ -95,7 +89,7 @@ def _definition(name: str) -> str:
     package, folder, kind = _parts(name)
     path = _share(package, f"{folder}/{kind}.msg")
     if path is None:
-        raise ValueError(f"{name}: definition not found: share/{package}/{folder}/{kind}.msg of an ament prefix")
+        raise ValueError(f"{name}: message type is not installed here: no share/{package}/{folder}/{kind}.msg")
     return path.read_text()
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,11 +15,12 @@ from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
 from sphere_nav.ros.constants import EXPLAIN_PERIOD
-from sphere_nav.ros.endpoints import OK, WARN, NodeShell
+from sphere_nav.ros.endpoints import OK, WARN, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
-from sphere_nav.ros.node import ManagedNode, ThrottledLog
+from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.service import one_line
+from sphere_nav.ros.site_file import check_rules
 
 SUBJECTS = ("map", "cloud", "trajectory", "network", "rig", "input", "bag", "world", "output")  # what a node works on
 
@@ -30,22 +32,23 @@ class ShellParams:
     autostart: bool = param(True, "configure and activate at once instead of waiting for a lifecycle manager")
 
 
-class LiveShell(RclpyShell, NodeShell, LifecycleNode):
+class LiveShell(RclpyShell, LifecycleNode):
     """A lifecycle node that carries out what its ManagedNode asks for."""
 
-    def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
+    def __init__(self, node_class: type[ManagedNode], words: Sequence[str] = (), **options: Any) -> None:
+        """`words`: of the command line; ValueError for a parameter or a name in it that cannot be."""
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
         self.begin(ThrottledLog(self.get_logger()))
         self.failures = CallbackFailures(self.log)
         self.is_configured = False
-        self.on_finish: Callable[[int], None] = lambda status: None
         parameters.answer_wrong_types(self, self.failures)
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed, parameters.CLOCK_CHOICE)  # silence is judged by it
         self.add_post_set_parameters_callback(self._tune)
-        for line in parameters.unknown_overrides(self):
-            self.log.warning(line)
         self.node = node_class(self)
+        called = node_class.NAME, self.get_name(), self.get_namespace()
+        for line in [*parameters.unknown_overrides(self), *check_rules(words, *called, self.driver_topics)]:
+            self.log.warning(line)
         self.open_shell()
 
     def start(self) -> bool:
@@ -83,7 +86,7 @@ class LiveShell(RclpyShell, NodeShell, LifecycleNode):
         result = self._attempt(self.node.activate)
         for wanted in self.node.inputs if result == TransitionCallbackReturn.SUCCESS else ():
             while wanted.kept:
-                self.failures.guard(wanted.deliver_kept, f"subscription {wanted.topic}")
+                self.failures.guard(partial(wanted.deliver, wanted.kept.pop(0)), f"subscription {wanted.topic}")
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -121,15 +124,6 @@ class LiveShell(RclpyShell, NodeShell, LifecycleNode):
     def _failed(self) -> TransitionCallbackReturn:
         self.log.error(traceback.format_exc().rstrip())  # rclpy swallows it
         return TransitionCallbackReturn.ERROR
-
-    # --- what the node asks for
-    def read_parameters(self, cls: type[Any]) -> Any:
-        """Return the parameters object with the present values."""
-        return parameters.read(self, cls)
-
-    def finish(self, status: int) -> None:
-        """End the process after this callback."""
-        self.on_finish(status)
 
     def _tune(self, changes: list[Parameter]) -> None:
         """Hand on live parameters that were changed; the others are read when the node is configured."""

@@ -1,7 +1,7 @@
 """A node of this package: it declares parameters, converts, delegates, converts back, publishes.
 
 A `ManagedNode` is the same object live (rclpy and DDS beneath it, `live.py`) and in a replay (a bag beneath it,
-`replay.py`); what is beneath is its `NodeShell`. A whole node:
+`replay.py`); what is beneath are its `Endpoints`. A whole node:
 
     class Blinker(ManagedNode):
         NAME = "blinker"
@@ -30,9 +30,9 @@ from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import topics_by_driver
-from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, NodeShell, Publisher, ThrottledLog
+from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Publisher, ThrottledLog
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "ManagedNode", "NoParams", "NodeShell", "Publisher", "ThrottledLog"]
+__all__ = ["ERROR", "OK", "STALE", "WARN", "ManagedNode", "NoParams", "Publisher", "ThrottledLog"]
 
 
 @parameters
@@ -49,9 +49,9 @@ class ManagedNode:
     LARGE_MESSAGES: ClassVar[bool] = False  # publishes messages above 64 KB: a larger shared-memory segment is used
     params: Any
 
-    def __init__(self, shell: NodeShell) -> None:
-        """`shell` is given by `run` (live) or by `replay` (offline); the parameters are read and checked here."""
-        self.endpoints = endpoints = shell  # what the parts of a node get
+    def __init__(self, endpoints: Endpoints) -> None:
+        """`endpoints` are those of `run` (live) or of `replay` (offline); the parameters are read and checked here."""
+        self.endpoints = endpoints  # what the parts of a node get
         self.log = endpoints.log
         self.add_subscription, self.remove_subscription = endpoints.add_subscription, endpoints.remove_subscription
         self.add_publisher, self.add_service = endpoints.add_publisher, endpoints.add_service
@@ -59,7 +59,7 @@ class ManagedNode:
         self.now_ns, self.steady_ns, self.own_ns = endpoints.now_ns, endpoints.steady_ns, endpoints.own_ns
         self.publishers_of = endpoints.publishers_of
         self.inputs, self.reports = endpoints.inputs, endpoints.reports
-        self.params = shell.read_parameters(self.PARAMS)
+        self.params = endpoints.read_parameters(self.PARAMS)
         endpoints.driver_topics = topics_by_driver(getattr(self.params, "driver", ""))
 
     # --- what a subclass overrides

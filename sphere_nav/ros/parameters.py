@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -17,7 +17,10 @@ from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import one_line
 
 C = TypeVar("C")
-MAX_INTEGER = 2**63 - 1
+KINDS: dict[type[Any], tuple[str, type[Any], float]] = {  # ranges in a descriptor, and the largest number
+    float: ("floating_point_range", FloatingPointRange, math.inf),
+    int: ("integer_range", IntegerRange, 2**63 - 1),
+}
 CLOCK_CHOICE = "use_sim_time"
 
 
@@ -85,11 +88,8 @@ def unknown_overrides(node: Node) -> list[str]:
     """Return one line for every override that no one declared; rclpy keeps those without a word."""
     declared = list(node.get_parameters_by_prefix("")) if node._parameters else []
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)]
-    return [_hint(name, declared) for name in names if not name.startswith("qos_overrides.")]
-
-
-def _hint(name: str, declared: Iterable[str]) -> str:
-    return f"{name}: unknown parameter, ignored{meant(name, declared)}"
+    ours = [name for name in names if not name.startswith("qos_overrides.")]
+    return [f"{name}: unknown parameter, ignored{meant(name, declared)}" for name in ours]
 
 
 def _override(node: Node, leaf: Leaf) -> Any:
@@ -103,10 +103,7 @@ def _descriptor(leaf: Leaf) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=leaf.meaning(), additional_constraints=leaf.range_text())
     if leaf.low is None and leaf.high is None:
         return descriptor
-    if leaf.type is float:
-        low, high = (-math.inf if leaf.low is None else leaf.low), (math.inf if leaf.high is None else leaf.high)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
-    elif leaf.type is int:
-        low, high = (-MAX_INTEGER if leaf.low is None else leaf.low), (MAX_INTEGER if leaf.high is None else leaf.high)
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    name, kind, most = KINDS[leaf.type]
+    low, high = (-most if leaf.low is None else leaf.low), (most if leaf.high is None else leaf.high)
+    setattr(descriptor, name, [kind(from_value=leaf.type(low), to_value=leaf.type(high))])
     return descriptor

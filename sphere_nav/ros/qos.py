@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import yaml
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 
@@ -104,6 +103,4 @@ def _from_entry(entry: dict[str, Any]) -> QoSProfile:
         depth=depth if isinstance(depth, int) and 0 < depth < 100000 else 10,
         reliability=BEST_EFFORT if reliability in ("best_effort", "2") else RELIABLE,
         durability=TRANSIENT_LOCAL if durability in ("transient_local", "1") else VOLATILE,
-        liveliness=LivelinessPolicy.AUTOMATIC,
-        deadline=Duration(),
     )

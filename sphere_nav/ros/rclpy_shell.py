@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from copy import copy
 from math import inf
 from typing import Any, cast
@@ -17,7 +18,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sphere_nav.ros import qos
+from sphere_nav.ros import parameters, qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
@@ -61,7 +62,8 @@ class RclpyShell(Endpoints, Node):
     def open_shell(self) -> None:
         """Begin: after rclpy's constructor, when parameters are declared."""
         self.is_active = False
-        self._entities: list[Callable[[], object]] = []
+        self.on_finish: Callable[[int], None] = lambda status: None
+        self._entities = ExitStack()  # destroyed when the node is cleaned up
         self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
         self._own_publishers: list[Publisher] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
@@ -69,6 +71,14 @@ class RclpyShell(Endpoints, Node):
         self.create_timer(HEALTH_PERIOD, self._tell_health, clock=self._steady)
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
+
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object with the present values."""
+        return parameters.read(self, cls)
+
+    def finish(self, status: int) -> None:
+        """End the process after this callback."""
+        self.on_finish(status)
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards."""
@@ -122,7 +132,7 @@ class RclpyShell(Endpoints, Node):
             qos_overriding_options=options,
         )
         wanted.resolved = wanted.handle.topic_name
-        self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+        self._entities.callback(self.destroy_subscription, wanted.handle)
 
     def take_waiting(self, wanted: Subscription) -> None:
         """Deliver at once the messages of a topic that have come and wait for their turn."""
@@ -150,18 +160,18 @@ class RclpyShell(Endpoints, Node):
             qos_overriding_options=options,
         )
         self._own_publishers.append(publisher)
-        self._entities.append(lambda: self.destroy_publisher(publisher))
+        self._entities.callback(self.destroy_publisher, publisher)
         return LivePublisher(self, publisher)
 
     def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
-        self._entities.append(lambda: self.destroy_service(service))
+        self._entities.callback(self.destroy_service, service)
 
     def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
         """Make a client of a service, which answers at once where nobody offers that, else by the executor."""
         client = self.create_client(kind, name)
-        self._entities.append(lambda: self.destroy_client(client))
+        self._entities.callback(self.destroy_client, client)
 
         def call(request: Any, answer: Answer) -> None:
             if client.service_is_ready():
@@ -181,7 +191,7 @@ class RclpyShell(Endpoints, Node):
                 self.failures.add(error, where)
 
         server = serve_action(self, kind, name, calls, report)
-        self._entities.append(server.destroy)
+        self._entities.callback(server.destroy)
 
     def unlisten(self, wanted: Subscription) -> None:
         """Unsubscribe."""
@@ -195,11 +205,10 @@ class RclpyShell(Endpoints, Node):
                 callback()
 
         timer = self.create_timer(seconds, tick, clock=self._steady if is_wall else self.get_clock())
-        self._entities.append(lambda: self.destroy_timer(timer))
+        self._entities.callback(self.destroy_timer, timer)
 
     def _release(self) -> None:
-        while self._entities:
-            self._entities.pop()()
+        self._entities.close()
         self._own_publishers.clear()
         self.clear()
 
@@ -208,8 +217,11 @@ class RclpyShell(Endpoints, Node):
         self._tell_ready()
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
-        callbacks = self._status(self.callbacks_name, *self.failures.examine())
-        array = DiagnosticArray(status=[*self._life(), callbacks, *self._lacks(), *self._reported()])
+        inputs = self.inputs if self.is_active else ()
+        entries = [(self.callbacks_name, self.failures.examine())]
+        entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
+        entries += self.reports.items()
+        array = DiagnosticArray(status=[*self._life(), *(self._status(name, *entry) for name, entry in entries)])
         array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)
 
@@ -236,13 +248,6 @@ class RclpyShell(Endpoints, Node):
 
     def _life(self) -> Iterable[DiagnosticStatus]:
         return ()
-
-    def _lacks(self) -> list[DiagnosticStatus]:
-        inputs = self.inputs if self.is_active else ()
-        return [self._status(f"input {wanted.topic}", *examine_input(self, wanted)) for wanted in inputs]
-
-    def _reported(self) -> list[DiagnosticStatus]:
-        return [self._status(name, *entry) for name, entry in self.reports.items()]
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

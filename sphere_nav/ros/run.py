@@ -30,7 +30,6 @@ from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
-from sphere_nav.ros.site_file import check_rules
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 TURN_S = 5e-4  # after which a thread lets another one run that waits; 10 times that by itself
@@ -128,12 +127,10 @@ def _serve(
     prepare: Callable[[ManagedNode], None],
 ) -> int:
     try:
-        shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+        overrides = [Parameter(name, value=values[name]) for name in values]
+        shell = LiveShell(node_class, words, parameter_overrides=overrides)
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
-        return 2
-    if not _check_remapping(shell, node_class.NAME, words):
-        shell.destroy_node()
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
@@ -150,18 +147,6 @@ def _serve(
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
-
-
-def _check_remapping(shell: LiveShell, name: str, words: Sequence[str]) -> bool:
-    """Say which rules of the command line rename nothing; whether none of them is a mistake."""
-    try:
-        lines = check_rules(words, name, shell.get_name(), shell.get_namespace(), shell.node.endpoints.driver_topics)
-    except ValueError as error:
-        shell.log.error(f"cannot start: {error}")
-        return False
-    for line in lines:
-        shell.log.warning(line)
-    return True
 
 
 def _watch(wakeups: socket.socket, stopped: Future, patience: float, unfinished: Callable[[], str]) -> None:

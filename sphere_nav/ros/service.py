@@ -8,18 +8,19 @@ from typing import Any
 
 from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.params.homes import at_home
+from sphere_nav.ros.constants import REQUEST_PERIOD
 from sphere_nav.ros.conversions.frames import plain_frames
 
 Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file
 
 
-def answer_always(handler: Handler, name: str, report: Callable[[str, str], None]) -> Handler:
+def answer_always(handler: Handler, name: str, log: Any) -> Handler:
     """Return the handler with every exception turned into `success: false` and one line.
 
-    ValueError and OSError say what is wrong with the request. Anything else is a mistake of ours: `report` gets where
-    it came from, too, for whoever mends it. Beside the text it gets the kind of failure, the same however many requests
-    fail so. A response without those fields is returned empty. A `path` of the request may begin with `~/`.
+    ValueError and OSError say what is wrong with the request. Anything else is a mistake of ours: the log, a
+    ThrottledLog, gets where it came from, too, for whoever mends it. Requests that fail alike are told once in a while.
+    A response without those fields is returned empty. A `path` of the request may begin with `~/`.
     """
 
     def answer(request: Any, response: Any) -> Any:
@@ -33,7 +34,7 @@ def answer_always(handler: Handler, name: str, report: Callable[[str, str], None
                 refused.success, refused.message = False, one_line(error)
             is_ours = not isinstance(error, ValueError | OSError)
             text = traceback.format_exc().rstrip() if is_ours else one_line(error)
-            report(f"{name}: {text}", f"{name}: {type(error).__name__}")
+            log.error(f"{name}: {text}", every=REQUEST_PERIOD, key=f"service {name}: {type(error).__name__}")
             return refused
 
     return answer

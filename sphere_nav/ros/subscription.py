@@ -72,11 +72,6 @@ class Subscription:
         if self.profile.durability == qos.TRANSIENT_LOCAL:
             self.kept = [*self.kept, message][-max(self.profile.depth, 1) :]
 
-    def deliver_kept(self) -> None:
-        """Hand on what was kept, in order; what is handed on, or fails, is kept no more."""
-        while self.kept:
-            self.deliver(self.kept.pop(0))
-
     def count(self, number: int | None, num_publishers: int) -> None:
         """Count what was lost before the message of this sequence number; one publisher numbers without gaps."""
         if number is None:

@@ -18,7 +18,6 @@ from sphere_nav.localization.params import InputParams
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
-from sphere_nav.ros.camera.images import read_rgb
 from sphere_nav.ros.conversions import camera_from_info
 from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import SILENT_PERIODS
@@ -64,7 +63,7 @@ class RecordedCamera:
         levels = conversions.Levels()
         with BagReader(self._path) as bag:
             for _, _, message in bag.messages([self._topics["image_raw"]]):
-                yield conversions.stamp_ns(message), read_rgb(message, levels=levels)
+                yield conversions.stamp_ns(message), conversions.image_to_rgb(message, levels)
 
     def localized(self, localizer: Localizer, camera: Camera) -> Iterator[tuple[int, Bytes, CameraEstimate]]:
         """Yield stamp in ns, image, and where the localiser finds a camera that took it."""

@@ -53,9 +53,9 @@ def read_map(folder: Path) -> Any:
     return reader
 
 
-def spool(folder: Path) -> Spool:
-    spool = Spool(folder)
-    spool.add(b"one")
+def spool(folder: Path) -> Spool[bytes]:
+    spool = Spool(bytes, folder)
+    spool.add(1, b"one")
     return spool
 
 

@@ -50,9 +50,10 @@ from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.camera.stream import CameraStream, Fixture
+from sphere_nav.ros.camera.stream import CameraStream
 from sphere_nav.ros.camera.synchronizer import CameraHealth, Synchronizer
 from sphere_nav.ros.clocks import SimulatedTicks
+from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.localizer.map_transform import MapTransform
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.node import ManagedNode
@@ -73,9 +74,16 @@ def odometry_input() -> OdometryInput:
     return OdometryInput(endpoints(), TransformTree(), "base_link")
 
 
+def transform_tree() -> TransformTree:
+    tree = TransformTree()
+    tree.add(se3_to_transform(SE3.identity(), 1, "odom", "base_link"))
+    tree.clear()
+    return tree
+
+
 def camera_stream() -> CameraStream:
     ignored: Any = SimpleNamespace()
-    return CameraStream(endpoints(), NodeParams(), ignored, odometry_input(), Fixture(), print, print)
+    return CameraStream(endpoints(), NodeParams(), ignored, odometry_input(), print, print)
 
 
 # How one is made, how it is reset, and what it keeps by intent: what it was made with, what no drive changes.
@@ -84,7 +92,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Answered": (lambda: Answered(None, print, print), "forget", "times answer catch_up is_patient"),
     "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
-                     "endpoints params tf odometry on_picture on_refusal fixture waiting images"),
+                     "endpoints params tf odometry on_picture on_refusal name lens place waiting images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
@@ -129,7 +137,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "StateMachine": (lambda: StateMachine(StateParams()), "reset", "params"),
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
                      "names slack_s slack_ns deadline_ns is_ready num_first"),
-    "TransformTree": (TransformTree, "clear", "memory_ns parents static"),  # what does not move holds at any time
+    "TransformTree": (transform_tree, "clear", ""),  # what does not move holds at any time
     "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params"),
     "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),
 }  # fmt: skip
@@ -138,6 +146,7 @@ PARTS = {
     CameraHealth.__name__: {"num_images", "num_missing", "num_refused", "problem"},
     Limiter.__name__: {"params", "is_launch", "last", "gain"},
     "Follower": set(RESETS["Arming"][2].split()),
+    "_Edge": {"parent", "fixed"},
 }
 KEPT = {name: set(kept.split()) for name, (_, _, kept) in RESETS.items()} | PARTS
 

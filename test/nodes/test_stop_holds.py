@@ -35,8 +35,6 @@ RAMP = 3.0  # s within which a vehicle of 1.4 m/s stands, gently
 
 
 class Goal:
-    is_canceled = False
-
     def __init__(self, place):
         self.request, self.is_over = Navigate.Goal(place=place), False
 

@@ -18,7 +18,7 @@ from sphere_mapping.acquisition.range.lens_check import check_info
 from sphere_nav.geometry import SE3, Rig
 from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
+from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
@@ -135,12 +135,12 @@ class RigIntake:
 
     def _on_image(self, name: str, message: AnyImage) -> None:
         camera = self.rig.camera(name).camera
-        image = read_rgb(message, (camera.width, camera.height), name, self._levels[name])
+        image = conversions.image_to_rgb(message, self._levels[name], (camera.width, camera.height), name)
         check_sphere_image(image, camera, f"{name}: image size")
         self._put(name, message, image)
 
     def _on_depth(self, name: str, message: Image) -> None:
-        depth_m = read_depth(message)
+        depth_m = conversions.depth_to_meters(message)
         check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth size")
         self._put(name + DEPTH, message, depth_m)
 

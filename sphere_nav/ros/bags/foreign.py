@@ -6,7 +6,8 @@ What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,13 +34,13 @@ class ForeignBag:
     """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._is_open = path, False
-        self._links: TemporaryDirectory[str] | None = None  # to a path that means something in an address
+        self._path, self._opened = path, ExitStack()
         self._migrations: dict[str, object] = {}  # what the library keeps of each kind
         try:
             self._open(path)
-            self.topics = self._guard(self._read_topics)
-            self._types = self._guard(lambda: _types_of(self._reader.connections)) if path.suffix == ROS1 else []
+            with self._told():
+                self.topics = self._read_topics()
+                self._types = _types_of(self._reader.connections) if path.suffix == ROS1 else []
         except BaseException:
             self.close()
             raise
@@ -51,21 +52,20 @@ class ForeignBag:
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
         self._remedy = f"; {SALVAGE}" if any(file.suffix == SQLITE for file in files) else ""
         if self._remedy and set(os.fspath(path.resolve())) & ADDRESS:
-            self._links = TemporaryDirectory(prefix="sphere_nav_")
-            link = Path(self._links.name, "bag" if path.is_dir() else f"bag{SQLITE}")
+            folder = self._opened.enter_context(TemporaryDirectory(prefix="sphere_nav_"))
+            link = Path(folder, "bag" if path.is_dir() else f"bag{SQLITE}")  # which means nothing in an address
             link.symlink_to(path.resolve())
             path = link
-        self._reader: Any = self._guard(lambda: reader(path))
-        self._guard(self._reader.open)
-        self._is_open = True
+        with self._told():
+            self._reader: Any = self._opened.enter_context(reader(path))
 
     @property
     def time_range(self) -> tuple[int, int] | None:
         """Time of the first and of the last message in ns, None for an empty bag."""
         if not self._reader.message_count:
             return None
-        first, end = self._guard(lambda: (int(self._reader.start_time), int(self._reader.end_time)))
-        return first, end - 1
+        with self._told():
+            return int(self._reader.start_time), int(self._reader.end_time) - 1
 
     def raw(self, names: set[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Yield the messages of topics, of all where `names` is None, in order of time."""
@@ -73,7 +73,7 @@ class ForeignBag:
         if not wanted:
             return
         stop = None if end_ns is None else end_ns + 1
-        with told_at(self._path, BagError), told("a readable bag", self._remedy):
+        with self._told():
             for connection, stamp_ns, data in self._reader.messages(wanted, start=start_ns, stop=stop):
                 plain = bytes(memoryview(data))  # TypeError where a database has something else there
                 if self._types:
@@ -82,11 +82,7 @@ class ForeignBag:
 
     def close(self) -> None:
         """Close the files."""
-        if self._is_open:
-            self._reader.close()
-            self._is_open = False
-        if self._links is not None:
-            self._links.cleanup()
+        self._opened.close()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -102,10 +98,11 @@ class ForeignBag:
         (source, target), name = self._types, RENAMED.get(kind, kind)
         return bytes(migrate_bytes(source, target, kind, name, self._migrations, data, src_is2=False, dst_is2=True))
 
-    def _guard(self, call: Callable[[], Any]) -> Any:
-        """Return what a call into the library returns; whatever it raises about a damaged bag becomes BagError."""
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Whatever the library raises about a damaged bag becomes BagError."""
         with told_at(self._path, BagError), told("a readable bag", self._remedy):
-            return call()
+            yield
 
 
 def _types_of(connections: list[Connection]) -> list[Any]:

@@ -145,6 +145,14 @@ def read_chunk(stream: BinaryIO, place: int) -> list[Any]:
         return _parts(record)
 
 
+def read_message(stream: BinaryIO, place: int) -> memoryview:
+    """Return the bytes of the one message in the chunk at a place; BagError for a damaged chunk, or one of several."""
+    found = [part.data for part in read_chunk(stream, place) if isinstance(part, Message)]
+    if len(found) != 1:
+        raise BagError(f"expected one message, found {len(found)}")
+    return memoryview(found[0])
+
+
 def whole_messages(path: Path) -> Iterator[tuple[Schema, Channel, Message]]:
     """Yield what is whole of a file that may be damaged or cut, chunk by chunk: by its index, or as far as it goes."""
     schemas: dict[int, Schema] = {}

@@ -36,21 +36,18 @@ class Playback:
             yield from self._bag.raw(self._latched, end_ns=self._start_ns)
 
     def pause(self) -> None:
-        """Let no time pass until the next call of `due`."""
+        """Let no time pass until the next call of `take`."""
         self._origin = None
 
-    def due(self) -> Recorded | None:
-        """Return the next message if it is due; `take` goes on to the one after it."""
-        if self.next is None:
+    def take(self) -> Recorded | None:
+        """Return the next message if it is due, and go on to the one after it."""
+        item = self.next
+        if item is not None and self._origin is None:
+            self._origin = (self._clock(), item.stamp_ns)
+        if item is None or (self._rate and item.stamp_ns > self._wall_ns()):
             return None
-        if self._origin is None:
-            self._origin = (self._clock(), self.next.stamp_ns)
-        return self.next if self._rate == 0 or self.next.stamp_ns <= self._wall_ns() else None
-
-    def take(self) -> None:
-        """The next message was published."""
-        self.done += 1
-        self.next = next(self._stream, None)
+        self.done, self.next = self.done + 1, next(self._stream, None)
+        return item
 
     def present_ns(self) -> int:
         """Return the time in the bag, never beyond the next message; 0 after the last one."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -25,8 +24,7 @@ from sphere_nav.ros.constants import (
 )
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.interfaces import message_class
-from sphere_nav.ros.node import OK, WARN, ManagedNode
-from sphere_nav.ros.rclpy_shell import LivePublisher
+from sphere_nav.ros.node import OK, WARN, ManagedNode, Publisher
 from sphere_nav.ros.run import run
 
 
@@ -99,13 +97,13 @@ class BagPlayer(ManagedNode):
             raise ValueError(f"{self.params.bag}: expected topics whose types are installed, found none")
         return chosen
 
-    def _output(self, info: TopicInfo) -> LivePublisher:
+    def _output(self, info: TopicInfo) -> Publisher:
         is_paced = self.params.rate > 0
         depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
         durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
         profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
         name = info.name.lstrip("/")  # in a namespace all that a vehicle recorded goes below it
-        return cast("LivePublisher", self.add_publisher(name, message_class(info.type), profile))
+        return self.add_publisher(name, message_class(info.type), profile)
 
     def _play(self, topic: str) -> str:
         name = self.bag.require(topic).name
@@ -120,9 +118,8 @@ class BagPlayer(ManagedNode):
             self.playback.pause()
             return
         end = time.monotonic() + PLAY_BUSY
-        while (item := self.playback.due()) is not None and time.monotonic() < end:
+        while time.monotonic() < end and (item := self.playback.take()) is not None:
             self._publish(item)
-            self.playback.take()
             self.progress(self.playback.done, self.playback.total)
         self._tell_time()
         if self.playback.next is None:
@@ -179,7 +176,3 @@ def whole_number(word: str) -> int:
 def main() -> int:
     """Run the node."""
     return run(BagPlayer)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.recording_sets import NAMES, belongs
+from sphere_nav.ros.bags.writer import free_path
 from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
@@ -48,7 +48,7 @@ class BagRecorder(ManagedNode):
         if not self.params.topics.split() and not self.params.topic_set:
             raise ValueError("topics, topic_set: expected something to record, found neither")
         self.ros = cast("LiveShell", self.endpoints)
-        self.bag = BagWriter.at_free_path(self.params.output, is_compressed=self.params.compressed)
+        self.bag = BagWriter(free_path(self.params.output), is_compressed=self.params.compressed)
         if self.bag.path != Path(self.params.output):
             self.log.warning(f"{self.params.output}: something is there already: this recording is {self.bag.path}")
         self.recorded: dict[str, Subscription] = {}
@@ -149,7 +149,3 @@ class BagRecorder(ManagedNode):
 def main() -> int:
     """Run the node."""
     return run(BagRecorder)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -30,9 +30,9 @@ from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
-from sphere_nav.ros.endpoints import Answer, GoalCalls
+from sphere_nav.ros.endpoints import Answer, Endpoints, GoalCalls, ThrottledLog
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.node import ManagedNode, NodeShell, ThrottledLog
+from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
@@ -59,7 +59,7 @@ class OfflinePublisher:
         return len(self._bus.listeners.get(self._topic, ())) + self._bus.is_captured(self._topic)
 
 
-class OfflineShell(NodeShell):
+class OfflineShell(Endpoints):
     """What a node of a replay talks to."""
 
     is_live = False
@@ -126,7 +126,7 @@ class OfflineShell(NodeShell):
         self._bus.listeners[wanted.resolved].remove(wanted)
 
     def finish(self, status: int) -> None:
-        """Do nothing: a replay ends with its bag."""
+        """Do nothing."""
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Fire on the recording's clock, which is the only one here."""

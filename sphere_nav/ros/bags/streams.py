@@ -27,6 +27,7 @@ from sphere_nav.ros.conversions.images import (
     is_sixteen_bit,
     used_bits,
 )
+from sphere_nav.ros.endpoints import base_topic
 from sphere_nav.ros.service import one_line
 
 IMAGE, COMPRESSED, CAMERA_INFO = (
@@ -46,7 +47,6 @@ VIDEO = (  # of which an image cannot be had without those before it
 )
 COMPRESSED_WORD = "compressed: "  # before the format of a compressed image
 NUM_SAMPLES = 5  # messages of a topic that are looked at
-TRANSPORTS = ("/compressed", "/compressedDepth")
 
 _READ: WeakKeyDictionary[BagReader, list[Stream]] = WeakKeyDictionary()  # of the bags that are open
 Fields = Iterator[dict[str, Any]]  # of a Stream, one after the other; a ValueError ends them
@@ -91,7 +91,7 @@ class Stream:
     @property
     def base(self) -> str:
         """The topic without the ending of its transport."""
-        return next((self.topic.removesuffix(end) for end in TRANSPORTS if self.topic.endswith(end)), self.topic)
+        return base_topic(self.topic)
 
     @property
     def size(self) -> tuple[int, int]:

@@ -64,11 +64,6 @@ class BagWriter:
         self._is_open = True
         self.is_complete = False
 
-    @classmethod
-    def at_free_path(cls, path: str | Path, **options: Any) -> Self:
-        """Write at the path, or at the first of `<path>_2`, `<path>_3`, ... where nothing is."""
-        return cls(free_path(path), **options)
-
     def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
         """Declare a topic (made absolute), its type and the QoS that its publishers offer.
 
@@ -103,19 +98,15 @@ class BagWriter:
         if self._clock() - self._last_flush >= FLUSH_PERIOD:
             self.flush()
 
-    def end_chunk(self) -> None:
-        """Let the next message begin a new chunk."""
-        self.flush()
-
     def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
+        """Hand everything written so far to the operating system; the next message begins a new chunk."""
         with self._naming_the_file():
             self._mcap.flush()
         self._last_flush = self._clock()
 
     @property
     def position(self) -> int:
-        """Bytes of the file so far; where the next chunk begins after `end_chunk`."""
+        """Bytes of the file so far; where the next chunk begins after `flush`."""
         return self._file.tell()
 
     @property

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_as, read_text, required, short
+from sphere_nav.ros.endpoints import base_topic
 from sphere_nav.ros.shared_files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
 INPUTS = ("rgbd", "stereo", "mono", "panorama")
 OPTIONAL = ("odom", "imu")
-TRANSPORTS = ("", "/compressed", "/compressedDepth")
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,8 @@ class Driver:
 
     def find(self, offered: Iterable[str], root: str | None = None) -> dict[str, str]:
         """Return the topics that are offered, by ours; compressed ones where only those are."""
-        have, found = set(offered), {}
-        for ours, name in self.names(root).items():
-            theirs = next((f"/{name}{end}" for end in TRANSPORTS if f"/{name}{end}" in have), "")
-            if theirs:
-                found[ours] = theirs
-        return found
+        have = {base_topic(topic): topic for topic in sorted(offered, reverse=True)}  # the shortest of each comes last
+        return {ours: have[f"/{name}"] for ours, name in self.names(root).items() if f"/{name}" in have}
 
     def missing(self, offered: Iterable[str], root: str | None = None) -> list[str]:
         """Return the topics that are not offered, odometry and IMU aside."""
@@ -57,7 +53,7 @@ class Driver:
         if not self.missing(have):
             return [self.root]
         first = f"/{next(iter(self.topics.values()))}"
-        bases = {name.removesuffix(end) for name in have for end in TRANSPORTS if name.endswith(f"{first}{end}")}
+        bases = [base for base in map(base_topic, have) if base.endswith(first)]
         roots = sorted({base.removesuffix(first).lstrip("/") for base in bases})
         return [root for root in roots if not self.missing(have, root)]
 

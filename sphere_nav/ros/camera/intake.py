@@ -13,10 +13,10 @@ from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth
+from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.camera.stream import CameraStream, Fixture, Picture
+from sphere_nav.ros.camera.stream import CameraStream, Picture
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.constants import DEPTH_SLACK_S, SILENCE_NS
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
@@ -57,7 +57,7 @@ class Cameras:
         self._on_picture, self._on_refusal, self._handed_ns = on_picture, on_refusal, -SILENCE_NS
         self._profile = qos.DEEP if params.every_image else qos.SENSOR  # where every image is answered, none is lost
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
-        self.odometry = OdometryInput(endpoints, self._tf.tree, params.base_frame, self._profile)
+        self.odometry = OdometryInput(endpoints, self._tf, params.base_frame, self._profile)
         self._mounting = read_mounting(params.mounting)
         slack_s = DEPTH_SLACK_S if rig is None else rig.slack
         self._synchronizer = Synchronizer((*names, *[DEPTH] * has_depth), slack_s)
@@ -69,7 +69,7 @@ class Cameras:
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
         self.odometry.clear()
-        self._tf.tree.clear()
+        self._tf.clear()
         self._synchronizer.clear()
         for stream in self._streams.values():
             stream.clear()
@@ -97,6 +97,11 @@ class Cameras:
         return next(iter(self._faults.values()), FINE)
 
     @property
+    def lack(self) -> str:
+        """The calibration that nobody has sent yet; empty where each camera has one."""
+        return next((stream.lens_topics for stream in self._streams.values() if stream.needs_lens), "")
+
+    @property
     def is_mounted(self) -> bool:
         """Whether it is known where some camera is on the base."""
         return any(stream.T_base_camera is not None for stream in self._streams.values())
@@ -108,15 +113,12 @@ class Cameras:
         return (only.T_base_camera if only else None) or SE3.identity()
 
     def _stream(self, name: str, calibration: Rig | None) -> CameraStream:
-        fixture, mounting = Fixture(name), self._mounting
-        if calibration is not None:
-            camera = calibration.camera(name)
-            fixture = Fixture(name, lambda: self._T_base_rig() @ camera.T_rig_camera, camera.camera)
-        elif not name and mounting is not None:
-            fixture = Fixture(name, lambda: mounting @ T_BODY_OPTICAL)
+        known = calibration.camera(name) if calibration is not None else None
+        T_rig_camera = known.T_rig_camera if known else T_BODY_OPTICAL if self._mounting and not name else None
+        shared = self._endpoints, self._params, self._tf, self.odometry
         callbacks = partial(self._on_camera, name), partial(self._on_fault, name)
-        shared = self._endpoints, self._params, self._tf, self.odometry, fixture
-        return CameraStream(*shared, *callbacks)
+        place = partial(self._find_place, T_rig_camera) if T_rig_camera else None
+        return CameraStream(*shared, *callbacks, name=name, lens=known.camera if known else None, place=place)
 
     def _subscribe_depth(self) -> None:
         self._depth_info: CameraInfo | None = None
@@ -127,11 +129,9 @@ class Cameras:
             topic, kind, lambda message: self._put(DEPTH, conversions.stamp_ns(message), message), self._profile
         )
 
-    def _T_base_rig(self) -> SE3:
-        """Return where the rig is; ValueError while nobody says it."""
-        if self._mounting is not None:
-            return self._mounting
-        return self._tf.lookup(self._params.base_frame, self._rig_frame)
+    def _find_place(self, T_rig_camera: SE3) -> SE3:
+        """Return where a camera of the rig is on the base; ValueError while nobody says it."""
+        return (self._mounting or self._tf.lookup(self._params.base_frame, self._rig_frame)) @ T_rig_camera
 
     def _on_camera(self, name: str, picture: Picture) -> None:
         if self._synchronizer.names == ONLY:
@@ -161,7 +161,7 @@ class Cameras:
         self._on_picture(replace(picture, depth=depth))
 
     def _convert(self, message: AnyImage, camera: Camera) -> DepthImage:
-        depth_m, info, T_image_depth = read_depth(message), self._depth_info, SE3.identity()
+        depth_m, info, T_image_depth = conversions.depth_to_meters(message), self._depth_info, SE3.identity()
         if info is not None:
             is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self._depth.resolved)
             camera = conversions.camera_from_info(conversions.as_rectified(info, is_rectified=is_rectified))

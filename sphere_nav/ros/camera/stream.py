@@ -44,19 +44,6 @@ class Picture:
     depth: DepthImage | None = None
 
 
-@dataclass(frozen=True)
-class Fixture:
-    """What is known of a camera before it says anything.
-
-    name: "" of the only camera, whose topics have no prefix. T_base_camera: in optical axes, ValueError while it is not
-    known; None: /tf_static says it by the frame of the images. camera: its lens; None: camera_info or sphere_info say.
-    """
-
-    name: str = ""
-    T_base_camera: Callable[[], SE3] | None = None
-    camera: Camera | None = None
-
-
 class CameraStream:
     """Subscribes; hands every image on, in order, as a `Picture` or with what is wrong with it."""
 
@@ -66,18 +53,28 @@ class CameraStream:
         params: NodeParams,
         tf: TransformListener,
         odometry: OdometryInput,
-        fixture: Fixture,
         on_picture: Callable[[Picture], None],
         on_refusal: Callable[[int, Verdict], None],
+        *,
+        name: str = "",
+        lens: Camera | None = None,
+        place: Callable[[], SE3] | None = None,
     ) -> None:
-        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used."""
+        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used.
+
+        name: "" of the only camera, whose topics have no prefix. lens: None where camera_info or sphere_info say it.
+        place: T_base_camera in optical axes, ValueError while it is not known; None where /tf_static says it by the
+        frame of the images.
+        """
         self._endpoints, self._params, self._tf, self._odometry = endpoints, params, tf, odometry
-        self._on_picture, self._on_refusal, self._fixture = on_picture, on_refusal, fixture
+        self._on_picture, self._on_refusal = on_picture, on_refusal
+        self._name, self._lens, self._place = name, lens, place
         self._waiting: deque[AnyImage] = deque()
         self.forget_camera()
         profile = qos.DEEP if params.every_image else qos.SENSOR
-        prefix = f"cameras/{fixture.name}/" if fixture.name else ""
-        if fixture.camera is None and not params.is_panorama:
+        prefix = f"cameras/{name}/" if name else ""
+        self.lens_topics = f"{prefix}camera_info, or {prefix}sphere_info of a panorama"
+        if lens is None and not params.is_panorama:
             add = partial(endpoints.add_subscription, profile=profile, is_required=False)  # one of the two comes
             add(f"{prefix}camera_info", CameraInfo, self._on_camera_info)
             add(f"{prefix}sphere_info", SphereInfo, self._on_sphere_info)
@@ -90,7 +87,7 @@ class CameraStream:
 
     def forget_camera(self) -> None:
         """Accept the next calibration and frames as new ones."""
-        self.camera: Camera | None = self._fixture.camera
+        self.camera: Camera | None = self._lens
         self.T_base_camera: SE3 | None = None
         self._fault = Verdict(Reason.BAD_INFO, detail="no camera_info yet")
         self._is_refused = False  # the calibration that came
@@ -101,6 +98,11 @@ class CameraStream:
     def lack(self) -> Verdict:
         """What images wait for; FINE where none waits."""
         return self._find_mounting(self._waiting[0]) if self._waiting else FINE
+
+    @property
+    def needs_lens(self) -> bool:
+        """Whether no calibration has come yet."""
+        return self.camera is None and not self._is_refused and not self._params.is_panorama
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self.images.resolved)
@@ -160,8 +162,8 @@ class CameraStream:
 
     def _look_up(self, image_frame: str, camera: Camera) -> SE3:
         """Return T_base_camera; ValueError while nobody says it."""
-        if self._fixture.T_base_camera is not None:
-            T_base_camera = self._fixture.T_base_camera()
+        if self._place is not None:
+            T_base_camera = self._place()
             return T_base_camera @ T_BODY_OPTICAL.inverse() if isinstance(camera, Spherical) else T_base_camera
         base, frame = self._params.base_frame, self._params.camera_frame or image_frame
         T_base_camera = self._tf.lookup(base, frame) if base and frame != base else SE3.identity()
@@ -183,7 +185,7 @@ class CameraStream:
         except ValueError as error:
             self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
         odometry = self._odometry.predict(stamp)
-        self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._fixture.name))
+        self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._name))
 
     def _check_frames(self, frame: str) -> None:
         """Raise ValueError where the image is not of the calibrated camera, or not of the one before."""

@@ -50,8 +50,7 @@ class Instant:
 class _Open:
     stamp_ns: int
     opened_ns: int
-    images: dict[str, Any] = field(default_factory=dict)
-    stamps: dict[str, int] = field(default_factory=dict)
+    images: dict[str, tuple[int, Any]] = field(default_factory=dict)  # with their stamps
 
 
 class Synchronizer:
@@ -59,8 +58,8 @@ class Synchronizer:
 
     An instant is complete when all streams have it and `is_ready` says so of its stamp. One that is not goes
     `deadline_s` after its first image came. With no deadline stamps alone decide, so that a replay makes the same
-    instants: one instant is open at a time, it goes when the next one begins, and a camera that missed `MAX_MISSES`
-    in a row is not waited for. The first `num_first` instants are handed out together.
+    instants: one that is not complete goes when the next one begins, and a camera that missed `MAX_MISSES` in a row is
+    not waited for. The first `num_first` instants are handed out together.
     """
 
     def __init__(
@@ -83,7 +82,7 @@ class Synchronizer:
         """Forget everything with a stamp: the clock jumped."""
         self._open: list[_Open] = []
         self._prints: dict[str, int] = {}
-        self._closed_ns = -BACK_NS if self._deadline_ns is None else -1
+        self._closed_ns = -BACK_NS
         for health in self.health.values():
             health.last_stamp_ns, health.num_repeats, health.num_misses = -1, 0, 0
 
@@ -92,8 +91,8 @@ class Synchronizer:
 
         An image is an array, or whatever has none to compare with the one before.
         """
-        if self._deadline_ns is None:
-            return self._put_next(name, stamp_ns, image)
+        if self._deadline_ns is None and stamp_ns < self._closed_ns - BACK_NS:
+            self.clear()
         if stamp_ns <= max(self.health[name].last_stamp_ns, 0):
             raise self._refuse(name, f"after {self.health[name].last_stamp_ns}", stamp_ns)
         self._note(name, stamp_ns, image)
@@ -104,32 +103,24 @@ class Synchronizer:
 
     def pop(self, now_ns: int) -> list[Instant]:
         """Remove and return the instants complete or late by now; what is older than a complete one goes with it."""
-        number = 0
-        for k, one in enumerate(self._open):
-            if self._is_complete(one) and self._is_ready(one.stamp_ns):
-                number = k + 1
-        if self._deadline_ns is not None:
-            while number < len(self._open) and now_ns - self._open[number].opened_ns >= self._deadline_ns:
-                number += 1
-        return self._close_first(number) if number >= max(self._num_first, 1) else []
+        ended = []
+        while (number := self._num_ended(now_ns)) >= max(self._num_first, 1):
+            ended += self._close_first(number)
+        return ended
+
+    def _num_ended(self, now_ns: int) -> int:
+        """Return how many of the open instants wait for nothing more."""
+        done = [k for k, one in enumerate(self._open, 1) if self._is_complete(one) and self._is_ready(one.stamp_ns)]
+        number = max(done, default=0)
+        if self._deadline_ns is None:
+            return max(number, len(self._open) - 1)  # the next one has begun
+        while number < len(self._open) and now_ns - self._open[number].opened_ns >= self._deadline_ns:
+            number += 1
+        return number
 
     def flush(self) -> list[Instant]:
         """Remove and return all instants, in order: the recording has ended."""
         return self._close_first(len(self._open))
-
-    def _put_next(self, name: str, stamp_ns: int, image: Any) -> list[Instant]:
-        """Add an image by its stamp alone: the instant before it goes, if it is not of that."""
-        if stamp_ns < self._closed_ns - BACK_NS:
-            self.clear()
-        self._note(name, stamp_ns, image)
-        begun_ns = self._open[0].stamp_ns if self._open else stamp_ns
-        if stamp_ns <= self._closed_ns + self._slack_ns or stamp_ns < begun_ns - self._slack_ns:
-            self.health[name].num_refused += 1
-            raise ValueError(f"camera {name}: its image came after the next instant had begun")
-        is_next = bool(self._open) and (name in self._open[0].images or stamp_ns > begun_ns + self._slack_ns)
-        before = self._close_first(1) if is_next else []
-        self._add(name, stamp_ns, image, stamp_ns)
-        return before + self.pop(stamp_ns)
 
     def _is_complete(self, one: _Open) -> bool:
         given_up = MAX_MISSES if self._deadline_ns is None else np.inf
@@ -151,7 +142,7 @@ class Synchronizer:
         else:
             chosen = _Open(stamp_ns, now_ns)
             insort(self._open, chosen, key=lambda one: one.stamp_ns)
-        chosen.images[name], chosen.stamps[name] = image, stamp_ns
+        chosen.images[name] = stamp_ns, image
 
     def _note(self, name: str, stamp_ns: int, image: Any) -> None:
         """Take down what a camera delivers, and whether that is new."""
@@ -166,7 +157,7 @@ class Synchronizer:
     def _close(self, one: _Open) -> Instant:
         """Check the cameras of an instant."""
         self._closed_ns = max(self._closed_ns, one.stamp_ns)
-        images, notes = {name: one.images[name] for name in self.names if name in one.images}, {}
+        images, notes = {name: one.images[name][1] for name in self.names if name in one.images}, {}
         frozen = self._find_frozen()
         for name in self.names:
             health = self.health[name]
@@ -179,7 +170,7 @@ class Synchronizer:
                 notes[name] = problem
                 health.num_missing += 1
             health.problem = problem
-        stamp_ns = next(one.stamps[name] for name in self.names if name in one.stamps)
+        stamp_ns = next(one.images[name][0] for name in self.names if name in one.images)
         return Instant(stamp_ns, images, notes)
 
     def _find_frozen(self) -> set[str]:

@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
+from sphere_nav.ros.conversions.poses import se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
 COLORS = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6), ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)  # the best, others
@@ -83,12 +83,3 @@ def particles_to_message(poses: Array, weights: Array, stamp: int, frame_id: str
         for (x, y, yaw), weight in zip(poses, weights, strict=True)
     ]
     return ParticleCloud(header=header(stamp, frame_id), particles=particles)
-
-
-def imu_attitude(message: Any) -> Array:
-    """Return the quaternion (4,) x, y, z, w of an Imu; ValueError where it has none."""
-    q = message.orientation
-    xyzw = np.array([*point_to_array(q), q.w])
-    if message.orientation_covariance[0] == -1.0 or not abs(np.linalg.norm(xyzw) - 1.0) < 0.01:
-        raise ValueError(f"imu.orientation: expected a unit quaternion, found {xyzw.tolist()}")
-    return xyzw

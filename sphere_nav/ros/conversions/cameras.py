@@ -23,14 +23,12 @@ def camera_from_info(info: CameraInfo) -> Pinhole | Fisheye:
 
     A region of interest moves the centre; binning by b takes u to (u + 1/2) / b - 1/2, as pixels are summed.
     """
-    name = " ".join(info.header.frame_id.split()) or "camera_info"
+    name = _name_of(info)
     fx, fy, cx, cy = (float(info.k[place]) for place in (0, 4, 2, 5))
     if fx == 0.0 or fy == 0.0:
         raise ValueError(f"{name}: K[0]: expected a calibrated camera, found focal length 0")
     if info.k[1] != 0.0 or info.k[8] != 1.0:
-        raise ValueError(
-            f"{name}: K: expected no skew and a last row 0 0 1, found {[float(value) for value in info.k]}"
-        )
+        raise ValueError(f"{name}: K: expected no skew and a last row 0 0 1, found {list(map(float, info.k))}")
     roi, bin_x, bin_y = info.roi, max(int(info.binning_x), 1), max(int(info.binning_y), 1)
     width, height = int(roi.width or info.width) // bin_x, int(roi.height or info.height) // bin_y
     cx, cy = cx - roi.x_offset, cy - roi.y_offset
@@ -42,6 +40,10 @@ def camera_from_info(info: CameraInfo) -> Pinhole | Fisheye:
         if not (roi.width or roi.height):  # what is cut out may lie anywhere
             check_center(camera, "camera_info")
         return camera
+
+
+def _name_of(info: CameraInfo) -> str:
+    return " ".join(info.header.frame_id.split()) or "camera_info"
 
 
 def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float = 0.0) -> CameraInfo:
@@ -70,7 +72,7 @@ def rectification_of(info: CameraInfo) -> Array:
     if not R.any():
         return np.eye(3)
     if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
-        raise ValueError(f"{info.header.frame_id or 'camera_info'}: R: expected a rotation, found {list(info.r)}")
+        raise ValueError(f"{_name_of(info)}: R: expected a rotation, found {list(info.r)}")
     return R
 
 
@@ -96,8 +98,9 @@ def as_rectified(info: CameraInfo, *, is_rectified: bool = True) -> CameraInfo:
     if not is_rectified or not (any(info.d) or info.p[0]):
         return info
     if not info.p[0] or not info.p[5]:
-        name = " ".join(info.header.frame_id.split()) or "camera_info"
-        raise ValueError(f"{name}: P[0]: expected a calibrated camera of rectified images, found focal length 0")
+        raise ValueError(
+            f"{_name_of(info)}: P[0]: expected a calibrated camera of rectified images, found focal length 0"
+        )
     found = copy(info)
     found.k = [info.p[0], 0.0, info.p[2], 0.0, info.p[5], info.p[6], 0.0, 0.0, 1.0]
     found.d, found.distortion_model, found.r = [], "", np.eye(3).ravel()

@@ -20,10 +20,7 @@ from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.appearance.features import SIZE, Features
 
-KINDS = {
-    PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
-    PointField.INT32: "i4", PointField.UINT32: "u4", PointField.FLOAT32: "f4", PointField.FLOAT64: "f8",
-}  # fmt: skip
+KINDS = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), PointField.INT8))  # as it numbers them
 
 
 def cloud_to_message(points: ArrayLike, stamp: int, frame_id: str, colors: Bytes | None = None) -> PointCloud2:

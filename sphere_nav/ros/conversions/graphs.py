@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point
 from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapExperience, MapInfo
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -134,18 +133,12 @@ def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str) -> MarkerArr
     where, marks = (SE3.identity(), stamp, frame_id), []
     balls = make_marker("key_spheres", 0, Marker.SPHERE_LIST, COLORS["key_spheres"], *where)
     balls.scale.x = balls.scale.y = balls.scale.z = MARKER_SIZE
-    balls.points = [_point(node.T_map_sphere) for node in graph]
+    points = {node.id: se3_to_pose(node.T_map_sphere).position for node in graph}
+    balls.points = list(points.values())
     for name, is_loop in (("edges", False), ("loops", True)):
         line = make_marker(name, 0, Marker.LINE_LIST, COLORS[name], *where)
         line.scale.x = 0.15 * MARKER_SIZE
-        line.points = [point for edge in graph.edges if edge.is_loop == is_loop for point in _ends(graph, edge)]
+        edges = [edge for edge in graph.edges if edge.is_loop == is_loop]
+        line.points = [points[end] for edge in edges for end in (edge.a, edge.b)]
         marks.append(line)
     return MarkerArray(markers=[balls, *marks])
-
-
-def _ends(graph: SphereGraph, edge: Edge) -> tuple[Point, Point]:
-    return _point(graph[edge.a].T_map_sphere), _point(graph[edge.b].T_map_sphere)
-
-
-def _point(T_map_sphere: SE3) -> Point:
-    return se3_to_pose(T_map_sphere).position

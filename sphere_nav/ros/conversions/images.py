@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import array
 import struct
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
 from sphere_nav.ros.conversions.stamps import header
 
+AnyImage: TypeAlias = Image | CompressedImage
 ENCODINGS: dict[str, tuple[type, int]] = {
     "mono8": (np.uint8, 1),
     "8UC1": (np.uint8, 1),
@@ -91,11 +92,10 @@ def image_to_array(message: Image) -> NDArray[Any]:
     if len(message.data) < step * (height - 1) + row or len(message.data) > step * height:
         raise ValueError(f"data: expected {step * height} bytes ({height} rows of {step}), found {len(message.data)}")
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
-    shape = (height, width, channels) if channels > 1 else (height, width)
-    strides = (step, channels * dtype.itemsize, dtype.itemsize) if channels > 1 else (step, dtype.itemsize)
-    pixels = np.ndarray(shape, dtype, buffer=message.data, strides=strides)
+    strides = step, channels * dtype.itemsize, dtype.itemsize
+    pixels = np.ndarray((height, width, channels), dtype, buffer=message.data, strides=strides)
     pixels.flags.writeable = False
-    return np.ascontiguousarray(pixels, dtype=kind)
+    return np.ascontiguousarray(pixels if channels > 1 else pixels[..., 0], dtype=kind)
 
 
 def array_to_image(pixels: NDArray[Any], stamp: int, frame_id: str, encoding: str) -> Image:
@@ -127,8 +127,21 @@ class Levels:
         return (pixels >> (self.bits - 8)).astype(np.uint8)
 
 
-def image_to_rgb(message: Image, levels: Levels | None = None) -> Bytes:
-    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; `levels` of its stream, else of this image alone."""
+def image_to_rgb(
+    message: AnyImage,
+    levels: Levels | None = None,
+    size: tuple[int, int] | None = None,
+    size_name: str = "camera_info",
+) -> Bytes:
+    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; `levels` of its stream, else of this image alone.
+
+    A compressed image of another size (width, height) than the camera's is not unpacked; `size_name`: whose that is.
+    """
+    if isinstance(message, CompressedImage):
+        pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, size, size_name)
+        if pixels.dtype == np.uint16:
+            pixels = (levels or Levels()).to_bytes(pixels)
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
     pixels = image_to_array(message)
     if pixels.dtype == np.uint16 and message.encoding not in DEPTH_ENCODINGS:
         pixels = (levels or Levels()).to_bytes(pixels)
@@ -145,8 +158,10 @@ def used_bits(pixels: NDArray[np.uint16]) -> int:
     return next(bits for bits in SENSOR_BITS if highest < 1 << bits)
 
 
-def depth_to_meters(message: Image) -> Floats:
+def depth_to_meters(message: AnyImage) -> Floats:
     """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none (REP-118, REP-117)."""
+    if isinstance(message, CompressedImage):
+        message = decompress(message)
     pixels = image_to_array(message)
     if message.encoding in ("16UC1", "mono16"):
         depth = pixels.astype(np.float32) * np.float32(1e-3)
@@ -157,19 +172,6 @@ def depth_to_meters(message: Image) -> Floats:
         raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
     check_lengths("depth", depth[::SAMPLE_STEP, ::SAMPLE_STEP], f"depth ({message.encoding})")
     return depth
-
-
-def compressed_to_array(
-    message: CompressedImage,
-    size: tuple[int, int] | None = None,
-    size_name: str = "camera_info",
-    levels: Levels | None = None,
-) -> Bytes:
-    """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8; before that its size (width, height) is compared."""
-    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, size, size_name)
-    if pixels.dtype == np.uint16:
-        pixels = (levels or Levels()).to_bytes(pixels)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
 
 
 def compressed_depth_to_image(message: CompressedImage) -> Image:
@@ -203,7 +205,7 @@ def decompress(message: CompressedImage) -> Image:
         return compressed_depth_to_image(message)
     if message.format.split(";")[0].strip() in SIXTEEN_BITS or is_sixteen_bit(message):
         return _compressed_16_bit(message)
-    pixels = compressed_to_array(message)
+    pixels = image_to_rgb(message)
     return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 

@@ -21,6 +21,7 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Odometry, Path
 from numpy.typing import ArrayLike
+from sensor_msgs.msg import Imu
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -33,6 +34,21 @@ NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitra
 def point_to_array(point: Point | Vector3) -> Array:
     """Return (3,) in m."""
     return np.array([point.x, point.y, point.z])
+
+
+def quaternion_to_array(orientation: Quaternion, name: str) -> Array:
+    """Return (4,) x, y, z, w; ValueError unless it is of unit length."""
+    q = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
+    if not abs(np.linalg.norm(q) - 1.0) < NORM_TOLERANCE:
+        raise ValueError(f"{name}.orientation: expected a unit quaternion, found {q.tolist()}")
+    return q
+
+
+def imu_attitude(message: Imu) -> Array:
+    """Return the quaternion (4,) x, y, z, w of an Imu; ValueError where it has none."""
+    if message.orientation_covariance[0] == -1.0:
+        raise ValueError("imu.orientation: expected a unit quaternion, found none (covariance -1)")
+    return quaternion_to_array(message.orientation, "imu")
 
 
 def pose_to_se3(pose: Pose, name: str = "pose") -> SE3:
@@ -159,12 +175,9 @@ def path_to_poses(message: Path) -> list[tuple[int, SE3]]:
 
 def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE3:
     t = point_to_array(position)
-    q = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
     if not np.all(np.abs(t) <= MAX_NUMBER):
         raise ValueError(f"{name}.position: expected finite numbers, found {t.tolist()}")
-    if not abs(np.linalg.norm(q) - 1.0) < NORM_TOLERANCE:
-        raise ValueError(f"{name}.orientation: expected a unit quaternion, found {q.tolist()}")
-    return SE3.from_quaternion(q, t)
+    return SE3.from_quaternion(quaternion_to_array(orientation, name), t)
 
 
 def _xyz(pose: SE3) -> dict[str, float]:

@@ -103,7 +103,7 @@ class LocalizerNode(ManagedNode):
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
         self.waits_since_ns = self.own_ns()
         self.intake = self.make_intake()
-        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id)
+        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id, self.values)
         self.add_subscription(
             "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
         )
@@ -117,11 +117,11 @@ class LocalizerNode(ManagedNode):
         """Wait for the first image from now on; what is missing first is said first."""
         self.waits_since_ns = self.own_ns()
         if not self.has_map:
-            self.outputs.tell(self.refuse(self.now_ns(), FINE), **self.values())
+            self.outputs.tell(self.refuse(self.now_ns(), FINE))
 
     def lack(self) -> str:
-        """Return how to give it a map, where it has none."""
-        return "" if self.has_map else f"a map ({self.NO_MAP})"
+        """Return how to give it a map where it has none, else which calibration it lacks."""
+        return self.intake.lack if self.has_map else f"a map ({self.NO_MAP})"
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp."""
@@ -147,7 +147,7 @@ class LocalizerNode(ManagedNode):
         self.heard_ns, self.refusal = self.own_ns(), FINE  # after the work: time spent here is no silence
         if estimate.T_map_base is not None and estimate.covariance is not None:
             self.peer.add_own(picture.stamp_ns, estimate.T_map_base, estimate.covariance)
-        self.outputs.publish(replace(estimate, status=status), **self.values())
+        self.outputs.publish(replace(estimate, status=status))
 
     def on_refusal(self, stamp_ns: int, finding: Verdict) -> None:
         """Answer an image that cannot be used."""
@@ -161,7 +161,7 @@ class LocalizerNode(ManagedNode):
     def tell_refused(self, status: Status, finding: Verdict) -> None:
         """Tell the status of a refused image; after too many of them the pose is not current any more."""
         self.refusal = finding
-        self.outputs.tell(self.find_silence() or status, **self.values())
+        self.outputs.tell(self.find_silence() or status)
 
     def add_doubts(self, status: Status) -> Status:
         """Say so where many images are lost before they can be answered, or one of several cameras delivers nothing.
@@ -190,7 +190,7 @@ class LocalizerNode(ManagedNode):
         self.clock_watch.observe(self.own_ns(), self.steady_ns(), self.has_clock)
         status = self.find_silence() or self.find_standstill()
         if status is not None:
-            self.outputs.tell(status, **self.values())
+            self.outputs.tell(status)
 
     def has_clock(self) -> bool:
         """Return whether a clock that stands has a publisher, which waits for somebody; report it."""
@@ -246,7 +246,7 @@ class LocalizerNode(ManagedNode):
     def tell(self, estimate: BaseEstimate | None) -> None:
         """Tell what a search has found at once."""
         if estimate is not None:
-            self.outputs.tell(estimate.status, **self.values())
+            self.outputs.tell(estimate.status)
 
     # --- calls of an operator
     def on_relocalize(self, request: Relocalize.Request, response: Relocalize.Response) -> Relocalize.Response:

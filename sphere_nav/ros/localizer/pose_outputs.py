@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -23,6 +22,7 @@ from sphere_nav.ros.localizer.map_transform import MapTransform
 
 UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
 REPORT = "localisation"
+EVIDENCE = ("quality", "overlap", "inlier_share", "milliseconds", "age")  # of a status, told to the diagnostics
 
 
 class PoseOutputs:
@@ -33,9 +33,10 @@ class PoseOutputs:
         endpoints: Endpoints,
         params: NodeParams,
         odometry: OdometryInput,
-        map_id: Callable[[], str] = str,
+        map_id: Callable[[], str],
+        values: Callable[[], dict[str, float]],
     ) -> None:
-        """`map_id` returns that of the map in use, empty where it is not known."""
+        """`map_id` returns that of the map in use, empty where it is not known; `values` more for the diagnostics."""
         self._endpoints, self._params = endpoints, params
         self._pose = endpoints.add_publisher("pose", PoseWithCovarianceStamped, qos.STATE)
         self._odometry = endpoints.add_publisher("odometry", Odometry, qos.STATE)
@@ -43,21 +44,21 @@ class PoseOutputs:
         self._frames = params.map_frame, params.base_frame or params.camera_frame
         self._transform = MapTransform(endpoints, odometry, *self._frames) if params.publish_tf else None
         self.state = State.UNCONFIGURED  # last told
-        self._map_id = map_id
+        self._map_id, self._values = map_id, values
 
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
         if self._transform is not None:
             self._transform.clear()
 
-    def publish(self, estimate: BaseEstimate, **values: Any) -> None:
+    def publish(self, estimate: BaseEstimate) -> None:
         """Publish what an image led to; the status comes last, so that who waits for it has the pose."""
         if estimate.T_map_base is not None and estimate.covariance is not None:
             self._publish_pose(estimate, estimate.T_map_base, estimate.covariance)
-        self.tell(estimate.status, **values)
+        self.tell(estimate.status)
 
-    def tell(self, status: Status, **values: Any) -> None:
-        """Publish a status; report it, with `values`, to the diagnostics; log changes of state or reason."""
+    def tell(self, status: Status) -> None:
+        """Publish a status; report it to the diagnostics; log changes of state or reason."""
         self.state, status = status.state, replace(status, map_id=self._map_id())
         if self._transform is not None and status.state not in TRUSTED:
             self._transform.stop()
@@ -66,8 +67,7 @@ class PoseOutputs:
         if status.state is State.TRACKING and not status.reason:
             level = OK
         text = describe_status(status)
-        values |= {"quality": status.quality, "overlap": status.overlap, "inlier_share": status.inlier_share}
-        values |= {"milliseconds": status.milliseconds, "age": status.age}
+        values = {name: getattr(status, name) for name in EVIDENCE} | self._values()
         self._endpoints.tell(REPORT, level, text, f"{status.state} {status.reason}", every=LOG_PERIOD_S, **values)
 
     def _publish_pose(self, estimate: BaseEstimate, T_map_base: SE3, covariance: Array) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,19 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.graphs import message_to_experience, message_to_graph
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.maps.reader import (
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.writer import (
     EXPERIENCE,
     FILE_NAME,
     GRAPH,
     INFO,
     KINDS,
     SPHERE,
+    SPHERE_FRAME,
     MapDetails,
     Progress,
-    open_map,
+    write_stored,
 )
-from sphere_nav.ros.maps.writer import SPHERE_FRAME, write_stored
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import SphereGraph
@@ -80,8 +82,8 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     graph = SphereGraph([node for node in known if node.id in kept], edges)
     for one in experiences:
         graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
-    names = {"source": info.source, "parameters": load_yaml(file, info.parameters), "rig": info.rig}
-    details = MapDetails(told.map_id, told.software, frame_id=told.header.frame_id, **names)
+    parameters = load_yaml(file, info.parameters)
+    details = MapDetails(told.map_id, told.software, info.source, parameters, info.rig, told.header.frame_id)
     spheres = (message for topic, message in _readable(file) if topic == SPHERE)
     write_stored(Path(target), graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
     return len(kept)
@@ -92,8 +94,9 @@ def _made_small(whole: AugmentedSphere) -> AugmentedSphere:
 
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:
-    """Yield topic and message of all that is whole in a map."""
+    """Yield topic and message of all that is whole in a map; what is no message of its type is passed over."""
     for schema, channel, record in whole_messages(file):
         kind = KINDS.get(channel.topic)
         if kind is not None and schema.name == type_name(kind):
-            yield channel.topic, deserialize(record.data, kind, str(file))
+            with suppress(BagError):
+                yield channel.topic, deserialize(record.data, kind, str(file))

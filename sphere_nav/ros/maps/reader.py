@@ -12,16 +12,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from mcap.records import ChunkIndex, Message
+from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
-from sphere_nav.ros.bags.mcap_file import McapFile, read_chunk
+from sphere_nav.ros.bags.mcap_file import McapFile, read_message
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
@@ -30,45 +30,16 @@ from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
-from sphere_nav.ros.maps.writer import (
-    COARSE,
-    EXPERIENCE,
-    FEATURES,
-    FILE_NAME,
-    GRAPH,
-    INFO,
-    KINDS,
-    ORIGIN,
-    SPHERE,
-    SPHERE_ON_BASE,
-    MapDetails,
-    MapWriter,
-    Progress,
-    Stored,
-    save_map,
-)
+from sphere_nav.ros.maps.writer import COARSE, EXPERIENCE, FEATURES, GRAPH, INFO, SPHERE, Stored
+from sphere_nav.ros.maps.writer import FILE_NAME as FILE_NAME
+from sphere_nav.ros.maps.writer import ORIGIN as ORIGIN
+from sphere_nav.ros.maps.writer import SPHERE_ON_BASE as SPHERE_ON_BASE
+from sphere_nav.ros.maps.writer import MapDetails as MapDetails
+from sphere_nav.ros.maps.writer import MapWriter as MapWriter
+from sphere_nav.ros.maps.writer import save_map as save_map
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-__all__ = [
-    "COARSE",
-    "EXPERIENCE",
-    "FEATURES",
-    "FILE_NAME",
-    "GRAPH",
-    "INFO",
-    "KINDS",
-    "ORIGIN",
-    "SPHERE",
-    "SPHERE_ON_BASE",
-    "MapDetails",
-    "MapReader",
-    "MapWriter",
-    "Progress",
-    "open_map",
-    "save_map",
-]
 
 
 def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
@@ -76,44 +47,41 @@ def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
     return MapReader(path, is_gray=is_gray)
 
 
-class MapReader:
+class MapReader(BagReader):
     """An open map: the graph is read at once, spheres when they are asked for.
 
     `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
     """
 
     def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
-        self.path, self._is_gray = Path(path), is_gray
-        file = self.path / FILE_NAME if self.path.is_dir() else self.path
-        if self.path.is_dir() and not file.is_file():
+        folder = Path(path)
+        file = folder / FILE_NAME if folder.is_dir() else folder
+        if folder.is_dir() and not file.is_file():
             raise BagError(f"{file}: expected a map, found no such file")
-        self._bag = BagReader(file)
-        try:
-            if not isinstance(self._bag.files[0], McapFile):
-                raise BagError(f"{file}: expected a map with an index, found none")
-            self.info = self._read_info()
-            self.graph = self._read_graph()
-            self.parameters = self._read_parameters()
-            self._chunks = self._find_spheres()
-        except BaseException:
-            self._bag.close()
-            raise
+        self._is_gray = is_gray
+        super().__init__(file)
+        self.path = folder
+
+    def _open(self) -> None:
+        super()._open()
+        if not isinstance(self.files[0], McapFile):
+            raise BagError(f"{self.path}: expected a map with an index, found none")
+        self.info = self._read_info()
+        self.graph = self._read_graph()
+        self.parameters = self._read_parameters()
+        self._chunks = self._find_spheres()
 
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Read one key sphere, one chunk; BagError if it is missing or damaged."""
-        index = self._chunk_of(sphere_id)
-        message = view_message(self._data_of(index), AugmentedSphere, f"{self.path}: {SPHERE}")
+        message = view_message(self._data_of(sphere_id), AugmentedSphere, f"{self.path}: {SPHERE}")
         if message.id != sphere_id:
-            raise BagError(
-                f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
-            )
+            raise BagError(f"{self.path}: {SPHERE}: expected sphere {sphere_id}, found {message.id}")
         with told_at(f"{self.path}: key sphere {sphere_id}", BagError):
-            sphere = message_to_sphere(message, is_gray=self._is_gray)
-        return sphere
+            return message_to_sphere(message, is_gray=self._is_gray)
 
     def load_message(self, sphere_id: int) -> AugmentedSphere:
         """Read one key sphere as it is stored; BagError if it is missing or damaged."""
-        return self._message_of(self._chunk_of(sphere_id))
+        return self.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
 
     def count_bytes(self, sphere_id: int) -> int:
         """Return what a key sphere takes of the file; BagError if it is missing."""
@@ -122,25 +90,25 @@ class MapReader:
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; they wait on the disk. BagError if one is missing or damaged."""
         found = CompactSpheres()
-        self._bag.require(COARSE, AugmentedSphere)
-        for number, item in enumerate(self._bag.raw([COARSE])):
+        self.require(COARSE, AugmentedSphere)
+        for number, item in enumerate(self.raw([COARSE])):
             with told_at(f"{self.path}: coarse sphere {number} of {len(self.graph)}", BagError):
-                found.add(item.message)
+                found.keep(item.message)
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
 
     def stored(self) -> Iterator[Stored]:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
-        for index, small in zip(self._chunks.values(), self._bag.messages([COARSE]), strict=True):
-            yield self._message_of(index), small.message
+        for sphere_id, small in zip(self._chunks, self.messages([COARSE]), strict=True):
+            yield self.load_message(sphere_id), small.message
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; the features wait on the disk. BagError for damage."""
         index, ids = AppearanceIndex(CompactFeatures()), sorted(self.graph.nodes)
-        if self._bag.require(FEATURES, PointCloud2).count != len(ids):
+        if self.require(FEATURES, PointCloud2).count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
-        for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
+        for sphere_id, item in zip(ids, self.raw([FEATURES]), strict=True):
             with told_at(f"{self.path}: features of key sphere {sphere_id}", BagError):
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
@@ -149,7 +117,7 @@ class MapReader:
     @property
     def num_bytes(self) -> int:
         """Size of its file."""
-        return self._bag.files[0].path.stat().st_size
+        return self.files[0].path.stat().st_size
 
     @cached_property
     def num_other_bytes(self) -> int:
@@ -168,19 +136,9 @@ class MapReader:
         with told_at(self.path, BagError):
             return None if values is None else parse_mounting(values, SPHERE_ON_BASE)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._bag.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self.close()
-
     def _read_info(self) -> MapInfo:
-        self._bag.require(INFO, MapInfo)
-        info: MapInfo = list(self._bag.messages([INFO]))[-1].message
+        self.require(INFO, MapInfo)
+        info: MapInfo = list(self.messages([INFO]))[-1].message
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
             raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
@@ -189,11 +147,11 @@ class MapReader:
         return info
 
     def _read_graph(self) -> SphereGraph:
-        self._bag.require(GRAPH, KeySphereGraph)
-        message = list(self._bag.messages([GRAPH]))[-1].message
-        if EXPERIENCE in self._bag.topics and self._bag.topics[EXPERIENCE].count:
-            self._bag.require(EXPERIENCE, MapExperience)
-        told = [item.message for item in self._bag.messages([EXPERIENCE])]
+        self.require(GRAPH, KeySphereGraph)
+        message = list(self.messages([GRAPH]))[-1].message
+        if EXPERIENCE in self.topics and self.topics[EXPERIENCE].count:
+            self.require(EXPERIENCE, MapExperience)
+        told = [item.message for item in self.messages([EXPERIENCE])]
         with told_at(f"{self.path}: graph", BagError):
             graph = messages_to_experiences(message_to_graph(message), told)
         if not len(graph):
@@ -211,13 +169,13 @@ class MapReader:
 
     def _find_spheres(self) -> dict[int, ChunkIndex]:
         """Return the chunk of every key sphere: spheres are stored in order of id, one a chunk."""
-        self._bag.require(SPHERE, AugmentedSphere)
-        file = self._bag.files[0]
+        self.require(SPHERE, AugmentedSphere)
+        file = self.files[0]
         channels = {channel.id for channel in file.summary.channels.values() if channel.topic == SPHERE}
         chunks = [index for index in file.summary.chunk_indexes if channels & index.message_index_offsets.keys()]
         chunks.sort(key=lambda index: index.chunk_start_offset)
         ids = sorted(node.id for node in self.graph)
-        found = self._bag.topics[SPHERE].count
+        found = self.topics[SPHERE].count
         if len(chunks) != len(ids) or found != len(ids):
             raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
         return dict(zip(ids, chunks, strict=True))
@@ -229,14 +187,8 @@ class MapReader:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {found}")
         return index
 
-    def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
-        return self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
-
-    def _data_of(self, index: ChunkIndex) -> memoryview:
+    def _data_of(self, sphere_id: int) -> memoryview:
         """Return the bytes of the message of a key sphere."""
-        with told_at(f"{self.path}: chunk at byte {index.chunk_start_offset}", BagError):
-            records = read_chunk(self._bag.files[0].stream, index.chunk_start_offset)
-        found = [record for record in records if isinstance(record, Message)]
-        if len(found) != 1:
-            raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
-        return memoryview(found[0].data)
+        place = self._chunk_of(sphere_id).chunk_start_offset
+        with told_at(f"{self.path}: chunk at byte {place}", BagError):
+            return read_message(self.files[0].stream, place)

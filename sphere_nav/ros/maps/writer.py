@@ -14,16 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.records import Message
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_file import read_chunk
-from sphere_nav.ros.bags.reader import deserialize
+from sphere_nav.ros.bags.mcap_file import read_message
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import serialize_to_store
-from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter, describe_partial
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
+from sphere_nav.ros.bags.writer import METADATA, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
 from sphere_nav.ros.conversions.graphs import experiences_to_messages, graph_to_message
@@ -76,9 +74,10 @@ class MapDetails:
     frame_id: str = MAP_FRAME
 
 
-class MapWriter:
+class MapWriter(BagWriter):
     """A map being written; until `finish` it is the folder `<path>.partial`, which `salvage_map` can read.
 
+    One that takes the place of another is written beside it first, as `<path>.new`.
     Key spheres are added in order of their ids; each is in the system's hands when `add` returns, and can be read back.
     """
 
@@ -89,18 +88,16 @@ class MapWriter:
         *,
         is_overwriting: bool = False,
     ) -> None:
-        self.path, self.details = Path(path), details or MapDetails()
+        self._target, self.details = Path(path), details or MapDetails()
         self._places: dict[int, int] = {}  # of the chunk of each sphere
         self._num_due = 0  # key spheres with which the graph is due
         self._experiences: list[MapExperience] = []  # that were told with the last one
-        check_free(self.path, is_overwriting=is_overwriting)
-        target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
-        if (left := target.with_name(target.name + PARTIAL)).exists():
-            raise BagError(describe_partial(left, f"sphere_nav map-verify {left} --salvage OUT"))
-        self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
+        check_free(self._target, is_overwriting=is_overwriting)
+        new = self._target.with_name(f"{self._target.name}.new") if self._target.exists() else self._target
+        super().__init__(new, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
         for topic, kind in KINDS.items():
-            self._bag.add_topic(topic, kind, qos.LATCHED)
-        self._small = Spool(self._bag.partial)
+            self.add_topic(topic, kind, qos.LATCHED)
+        self._small = Spool(bytes, self.partial)
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere."""
@@ -111,27 +108,30 @@ class MapWriter:
         if len(graph) < self._num_due:
             return
         if not self._num_due:
-            self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
+            self.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
         self._num_due = len(graph) + GRAPH_EVERY
-        self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
+        self.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
         if any(node.experience != Experience() for node in graph) and not self._experiences:
             self._tell_experiences(graph)  # so that a torn map has them
-        self._bag.end_chunk()
+        self.flush()
 
     def load(self, sphere_id: int) -> Sphere:
         """Read a key sphere back; BagError where it was not added."""
         if sphere_id not in self._places:
             raise BagError(f"{self.path}: key sphere {sphere_id}: expected one that was written, found none")
-        return message_to_sphere(self._message_at(self._places[sphere_id]))
+        folder = self.partial if self.partial.exists() else self.path
+        with (folder / FILE_NAME).open("rb") as file:
+            data = read_message(file, self._places[sphere_id])
+        return message_to_sphere(view_message(data, AugmentedSphere, str(self.path)))
 
     def copy(self, stored: Stored) -> None:
         """Write a key sphere as another map has it."""
         whole, small = stored
-        self._bag.end_chunk()
-        self._places[int(whole.id)] = self._bag.position
-        self._bag.write(SPHERE, whole, stamp_ns(whole))
-        self._small.add(serialize_to_store(small))
-        self._bag.end_chunk()
+        self.flush()
+        self._places[int(whole.id)] = self.position
+        self.write(SPHERE, whole, stamp_ns(whole))
+        self._small.add(int(small.id), serialize_to_store(small))
+        self.flush()
 
     @property
     def num_spheres(self) -> int:
@@ -147,41 +147,35 @@ class MapWriter:
         if [node.id for node in nodes] != list(self._places):
             found = f"found {len(self._places)} written"
             raise BagError(f"{self.path}: graph: expected {len(nodes)} key spheres, {found}")
-        for stamp, small in zip(_in_order(nodes), self._small, strict=True):
-            self._bag.write_bytes(COARSE, small, stamp)
-        self._bag.end_chunk()
+        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
+            self.write_bytes(COARSE, self._small[node.id], stamp)
+        self.flush()
         self._write_features(nodes, appearance)
-        self._bag.end_chunk()
+        self.flush()
         self._small.close()
         last = max(node.stamp_ns for node in nodes)
         if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
             self._tell_experiences(graph)
-        self._bag.write(INFO, _info(graph, self.details), last)
-        self._bag.write(GRAPH, _graph_message(graph, self.details), last)
-        target = self._bag.close()
-        return replace_map(target, self.path) if target != self.path else self.path
-
-    def discard(self) -> None:
-        """Remove what was written."""
-        self._small.close()
-        self._bag.discard()
+        self.write(INFO, _info(graph, self.details), last)
+        self.write(GRAPH, _graph_message(graph, self.details), last)
+        if self.close() != self._target:
+            self.path = replace_map(self.path, self._target)
+        return self.path
 
     def leave(self) -> None:
         """Write no more; what was written stays, for `salvage_map`."""
         self._small.close()
-        self._bag.leave()
+        super().leave()
+
+    @property
+    def salvage_command(self) -> str:
+        """The command that makes a map of what is whole."""
+        return f"sphere_nav map-verify {self.partial} --salvage OUT"
 
     def _tell_experiences(self, graph: SphereGraph) -> None:
         self._experiences = experiences_to_messages(graph, self.details.frame_id)
         for message in self._experiences:
-            self._bag.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
-
-    def _message_at(self, place: int) -> AugmentedSphere:
-        folder = self._bag.partial if self._bag.partial.exists() else self.path
-        with (folder / FILE_NAME).open("rb") as file:
-            records = read_chunk(file, place)
-        data = next(record.data for record in records if isinstance(record, Message))
-        return deserialize(data, AugmentedSphere, str(self.path))
+            self.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
@@ -190,7 +184,7 @@ class MapWriter:
             index.add(node.id, known.get(node.id) or features_of_sphere(self.load(node.id)))
             features, words = index.features[node.id], index.words[node.id]
             message = features_to_message(features, words, node.stamp_ns, SPHERE_FRAME)
-            self._bag.write(FEATURES, message, stamp)
+            self.write(FEATURES, message, stamp)
 
 
 def save_map(
@@ -229,16 +223,12 @@ def write_stored(
     is_overwriting: bool = False,
 ) -> Path:
     """Write a map of those of some key spheres, in order of their ids, that are in the graph; return its path."""
-    writer = MapWriter(path, details, is_overwriting=is_overwriting)
-    try:
+    with MapWriter(path, details, is_overwriting=is_overwriting) as writer:
         writer.tell(graph)  # so that a torn file can be salvaged
         for stored in spheres:
             if int(stored[0].id) in graph.nodes:
                 writer.copy(stored)
         return writer.finish(graph, appearance=appearance)
-    except BaseException:
-        writer.discard()
-        raise
 
 
 def check_free(path: Path, *, is_overwriting: bool) -> None:

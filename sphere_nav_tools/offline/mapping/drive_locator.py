@@ -94,7 +94,7 @@ class DriveLocator:
                 self._count_shown()
             self._probation.clear()
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, seen.number)
-        self._small.add(serialize_to_store(small))
+        self._small.keep(serialize_to_store(small))
 
     def lacking(self, stamp_ns: int) -> float:
         """Return the share 0...1 of a sphere of the drive that the map does not show.

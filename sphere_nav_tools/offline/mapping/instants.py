@@ -29,7 +29,7 @@ class Collector(ManagedNode):
     def configure(self) -> None:
         """Listen."""
         self.heard, self.publisher = deque[Any](), self.add_publisher(_HEARD, Header)
-        lookup, on_pair = TransformListener(self.endpoints, is_required=False).lookup, None
+        lookup, on_pair = TransformListener(self.endpoints).lookup, None
         if self.wants_pairs:
             on_pair = self._keep
         Intake(self.params, self._keep, lookup, on_pair=on_pair).subscribe(self.endpoints)

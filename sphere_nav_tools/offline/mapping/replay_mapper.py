@@ -66,7 +66,7 @@ def hear_beginning(bag: BagReader, node: SphereMapper, imu: str) -> None:
         for _, _, message in bag.messages([topics.TF_STATIC_TOPIC]):
             for transform in message.transforms:
                 with suppress(ValueError):  # the replay reports it
-                    node.tf.tree.add(transform, is_static=True)
+                    node.tf.add(transform, is_static=True)
     if imu in bag.topics:
         first, _ = bag.time_range
         for _, _, message in bag.messages([imu], end_ns=first + IMU_NS):

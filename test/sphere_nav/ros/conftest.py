@@ -35,7 +35,7 @@ def make_bag(tmp_path: Path) -> Callable[..., Path]:
                 bag.write("text", String(data=f"{number} {filling}"), stamp)
                 bag.write("stamp", Header(frame_id=str(number)), stamp + 1)
                 if number % 10 == 9:
-                    bag.end_chunk()
+                    bag.flush()
         return tmp_path / name
 
     return make

@@ -34,10 +34,9 @@ def test_bytes_are_a_message_or_refused():
 
 def test_a_type_that_is_not_installed_and_what_is_no_name():
     for name in ["no_msgs/msg/Thing", "std_msgs/msg/Thing"]:
-        with pytest.raises(ValueError, match=f"{name}: message type is not installed here"):
-            message_class(name)
-        with pytest.raises(ValueError, match=f"{name}: definition not found"):
-            schema_text(name)
+        for find in (message_class, schema_text):
+            with pytest.raises(ValueError, match=f"{name}: message type is not installed here: no share/"):
+                find(name)
         assert type_hash(name) == ""
     for name in ["sensor_msgs/Image", "../../etc/passwd/x"]:
         with pytest.raises(ValueError, match="message type: expected package/msg/Type"):

@@ -78,41 +78,26 @@ def test_gaps_in_the_numbers_of_one_publisher_are_losses():
     assert wanted.num_lost == 3
 
 
-def wanted(**counts):
-    given = {
-        "num_received": 9, "num_refused": 0, "num_refused_in_row": 0, "num_lost": 0, "num_lost_lately": 0,
-        "is_missing": False, "last_refusal": "too late",
-    } | counts  # fmt: skip
-    return SimpleNamespace(
-        handle=SimpleNamespace(topic_name="/a"),
-        incompatible=lambda publishers: bool(publishers),
-        explain=lambda topic, publishers: f"waiting for {topic}",
-        **given,
-    )
-
-
-def shell(publishers=()):
-    said = []
-    log = SimpleNamespace(warning=lambda text, every, key: said.append((text, every, key)))
-    return SimpleNamespace(get_publishers_info_by_topic=lambda topic: publishers, log=log, said=said)
-
-
 def test_an_input_is_judged_by_its_counts():
+    log, infos = SimpleNamespace(warning=lambda text, every, key: said.append((every, key))), []
+    shell = SimpleNamespace(get_publishers_info_by_topic=lambda topic: infos, log=log)
     first = {"num_refused": 1, "num_refused_in_row": 1, "num_received": 1}
+    other = publisher(profile=qos.STATE)
     for counts, publishers, level, text in [
-        ({}, (), OK, "receiving"),
-        ({}, ("other",), OK, "receiving"),  # what is received is compatible
-        ({"num_received": 0}, (), OK, "optional, nothing received"),
-        ({"num_received": 0}, ("other",), WARN, "waiting for /a"),
-        ({"is_missing": True}, (), WARN, "waiting for /a"),
-        ({"num_refused": 4, "num_refused_in_row": 4}, (), OK, "receiving"),
-        ({"num_refused": 5, "num_refused_in_row": 5}, (), ERROR, "last 5 messages refused: too late"),
-        (first, (), ERROR, "last 1 messages refused: too late"),
-        ({"num_lost": 7, "num_lost_lately": 2}, (), WARN, "2 messages lost in the last second"),
+        ({}, [], OK, "receiving"),
+        ({}, [other], OK, "receiving"),  # what is received is compatible
+        ({"num_received": 0}, [], OK, "optional, nothing received"),
+        ({"num_received": 0}, [other], WARN, "waiting for /a"),
+        ({"num_received": 0, "is_required": True}, [], WARN, "waiting for /a"),
+        ({"num_refused": 4, "num_refused_in_row": 4}, [], OK, "receiving"),
+        ({"num_refused": 5, "num_refused_in_row": 5}, [], ERROR, "last 5 messages refused: too late"),
+        (first, [], ERROR, "last 1 messages refused: too late"),
+        ({"num_lost": 7, "num_lost_lately": 2}, [], WARN, "2 messages lost in the last second"),
     ]:
-        input_, asked = wanted(**counts), shell(publishers)
-        found = examine_input(asked, input_)
-        assert found[:2] == (level, text)
-        assert found[2] == {"received": input_.num_received, "refused": input_.num_refused, "lost": input_.num_lost}
-        assert input_.num_lost_lately == 0  # told once
-        assert asked.said == ([(text, 10.0, "waiting /a")] if text.startswith("waiting") else [])
+        given = {"num_received": 9, "is_required": False, "last_refusal": "too late"} | counts
+        wanted, infos, said = make(silence=0.0, handle=SimpleNamespace(topic_name="/a"), **given), publishers, []
+        found = examine_input(shell, wanted)
+        assert (found[0], found[1].startswith(text)) == (level, True)
+        assert found[2] == {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
+        assert wanted.num_lost_lately == 0  # told once
+        assert said == ([(10.0, "waiting /a")] if text.startswith("waiting") else [])

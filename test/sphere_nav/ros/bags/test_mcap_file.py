@@ -152,12 +152,3 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_before_memory_is_a
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 23
-
-
-def test_chunks_that_overlap_in_time_come_in_order(tmp_path):
-    messages = [(number % 2 * 10**9 + number, bytes(400)) for number in range(100)]
-    path = write_one(tmp_path / "overlap.mcap", messages, chunk_size=1000)
-    with BagReader(path) as bag:
-        stamps = [item.stamp_ns for item in bag.raw()]
-        assert stamps == sorted(stamps)
-        assert len(stamps) == 100

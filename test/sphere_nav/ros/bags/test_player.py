@@ -1,16 +1,18 @@
-"""The player on an offline bus: latched topics first, all in order with their clock, held by pause and by listeners."""
+"""When a message is due; on an offline bus: latched topics first, in order, held by pause and by listeners."""
 
 import pytest
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.bags.playback import Playback
 from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions.stamps import time_to_ns
 
 SECOND = 10**9
+BEGIN = 5 * SECOND  # of the bags of `make_bag`
 START = 7 * SECOND
 TEXTS = [str(k) for k in range(6)]
 
@@ -51,7 +53,7 @@ def test_what_was_recorded_is_played_in_order_with_its_clock(tmp_path):
     played = Played(tmp_path, clock=True)
     assert played.texts == ["once"]  # before anything is due
     played.turn()
-    assert [text for text in played.texts if text != "once"] == TEXTS
+    assert played.texts == ["once", *TEXTS]
     assert played.clock == sorted(played.clock)
     assert set(played.clock) >= {START + k * SECOND for k in range(1, 6)}
 
@@ -72,8 +74,7 @@ def test_a_pause_holds_and_resume_goes_on(tmp_path):
 def test_a_loop_begins_again_and_a_start_leaves_out_what_was_before(tmp_path):
     played = Played(tmp_path, loop=True, start=3.5)
     played.turn(4)
-    later = [text for text in played.texts if text != "once"]
-    assert later[:4] == ["4", "5", "4", "5"]
+    assert played.texts[:5] == ["once", "4", "5", "4", "5"]
 
 
 def test_listeners_that_are_waited_for_hold_the_start_and_are_named(tmp_path):
@@ -94,3 +95,38 @@ def test_listeners_that_are_waited_for_hold_the_start_and_are_named(tmp_path):
 def test_what_cannot_be_played_is_refused_at_once(tmp_path, values, words):
     with pytest.raises(ValueError, match=words):
         Played(tmp_path, **values)
+
+
+# --- when a message is due
+def take_due(playback):
+    taken = []
+    while (item := playback.take()) is not None:
+        taken.append((item.topic, item.stamp_ns - BEGIN))
+    return taken
+
+
+def test_messages_are_due_at_the_pace_of_recording(make_bag):
+    with BagReader(make_bag()) as bag:
+        now = [100.0]
+        playback = Playback(bag, ["/text", "/stamp"], BEGIN, 2.0, lambda: now[0])
+        assert playback.total == 80
+        assert take_due(playback) == [("/text", 0)]  # /stamp is a nanosecond later
+        now[0] += 0.06  # 0.12 s of the bag
+        assert [stamp for _, stamp in take_due(playback)] == [1, 100_000_000, 100_000_001]
+        assert playback.present_ns() == pytest.approx(BEGIN + 120_000_000, abs=10)
+        now[0] += 100.0
+        assert len(take_due(playback)) == 76
+        assert (playback.done, playback.next, playback.present_ns()) == (80, None, 0)
+
+
+def test_a_pause_is_not_made_up_for(make_bag):
+    with BagReader(make_bag()) as bag:
+        now = [100.0]
+        playback = Playback(bag, ["/stamp"], BEGIN, 1.0, lambda: now[0])
+        take_due(playback)
+        now[0] += 0.05
+        playback.pause()
+        now[0] += 50.0
+        assert len(take_due(playback)) == 1  # the clock goes on from the next message
+        now[0] += 0.1
+        assert len(take_due(playback)) == 1

@@ -20,6 +20,7 @@ from sphere_nav.ros.conversions import array_to_image
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN
 from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.cli.processes import node_command
 from worlds.desk import Desk
 
 PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
@@ -30,8 +31,7 @@ START, STEP = 7_000_000_000, 50_000_000
 def start(spawn):
     def begin(node, *more, **values):
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")] + list(more)
-        command = [sys.executable, "-m", f"sphere_nav.ros.bags.{node.removeprefix('bag_')}_node", "--ros-args", *words]
-        return spawn(command)
+        return spawn(node_command(node, "--ros-args", *words))
 
     return begin
 
@@ -125,15 +125,15 @@ sys.exit(recorder_node.main())
 
 @pytest.mark.dds
 def test_what_is_not_complete_in_time_is_told_with_the_command_that_rescues_it(spawn, tmp_path):
-    """On a disk that takes a minute to sync, within half a second."""
-    command = [sys.executable, "-c", RECORDER, "60.0", "0.5", "--ros-args"]
+    """On a disk that takes a minute to sync, within two seconds."""
+    command = [sys.executable, "-c", RECORDER, "60.0", "2.0", "--ros-args"]
     process = spawn([*command, "-p", f"output:={tmp_path / 'slow'}", "-p", "topic_set:=all"])
-    line_with(process, "/rosout: recording")
+    line_with(process, "ready: ")  # something was recorded
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
     (line,) = [line for line in err.splitlines() if "not complete" in line]
     assert process.returncode == 1
-    assert line.startswith("no end 0.5 s after the signal: ")
+    assert line.startswith("no end 2 s after the signal: ")
     words = shlex.split(line.split("'")[1])
     assert words == ["sphere_nav", "verify-bag", f"{tmp_path / 'slow'}.partial", "--salvage", f"{tmp_path / 'slow'}"]
     assert main(words[1:]) == 0

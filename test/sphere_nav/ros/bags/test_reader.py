@@ -33,7 +33,7 @@ def test_messages_written_out_of_order_are_sorted(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         for number, stamp in enumerate(stamps):
             bag.write("text", String(data=str(number)), stamp)
-            bag.end_chunk()
+            bag.flush()
     with BagReader(tmp_path / "bag") as reader:
         found = [(item.stamp_ns, item.message.data) for item in reader.messages()]
     assert found == [(1, "3"), (3, "1"), (3, "5"), (5, "0"), (7, "4"), (9, "2")]

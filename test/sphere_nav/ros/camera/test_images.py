@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.ros.camera.images import image_topic, read_gray, read_rgb
+from sphere_nav.ros.camera.images import image_topic, read_gray
 from sphere_nav.ros.camera.stream import panorama_of
-from sphere_nav.ros.conversions import Levels, array_to_image, header
+from sphere_nav.ros.conversions import Levels, array_to_image, header, image_to_rgb
 
 COLORS = np.random.default_rng(0).integers(0, 256, (8, 16, 3), dtype=np.uint8)
 
@@ -33,10 +33,10 @@ def test_the_transport_decides_topic_and_kind_and_a_panorama_is_twice_as_wide_as
 def test_pixels_are_the_same_by_either_transport_and_another_size_is_refused_by_whose_it_is_not(size):
     messages = array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)
     for message in messages:
-        np.testing.assert_array_equal(read_rgb(message, size), COLORS)
+        np.testing.assert_array_equal(image_to_rgb(message, size=size), COLORS)
         np.testing.assert_array_equal(read_gray(message, size), cv2.cvtColor(COLORS, cv2.COLOR_RGB2GRAY))
     with pytest.raises(ValueError, match=r"expected 8 x 16 \(left\), found 16 x 8"):
-        read_rgb(compressed(COLORS), (8, 16), "left")
+        image_to_rgb(compressed(COLORS), size=(8, 16), size_name="left")
 
 
 @pytest.mark.parametrize("size", [None, (16, 8)])

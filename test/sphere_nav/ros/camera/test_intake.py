@@ -22,22 +22,36 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
+SLACK_S = 0.01  # of depth; written out: imported, a change would go unseen
+
 SECOND = 10**9
 CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5)
 PIXELS = np.arange(128, dtype=np.uint8).reshape(8, 16)
+DEPTH_CAMERA = Pinhole(12, 6, 9.0, 8.0, 5.5, 2.5)
+T_IMAGE_DEPTH = SE3.exp([0.05, 0.0, 0.01, 0.0, 0.02, 0.0])
 MOUNT = SE3.exp([0.5, 0.0, 1.4, -0.3, 0.1, 0.3])
 
 
 class Gate:
-    def __init__(self, *, rig=None, **values):
+    def __init__(self, *, rig=None, has_depth=False, **values):
         self.bus, self.pictures, self.refusals = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
         callbacks = self.pictures.append, lambda stamp, finding: self.refusals.append((stamp // SECOND, finding))
         params = NodeParams(**values)
-        self.intake = Cameras(self.node.endpoints, params, *callbacks, rig=rig)
+        self.intake = Cameras(self.node.endpoints, params, *callbacks, rig=rig, has_depth=has_depth)
 
     def image(self, second, frame="optical", encoding="mono8"):
         self.send("image_raw", array_to_image(PIXELS, second * SECOND, frame, encoding))
+
+    def depth(self, second, meters=2.0, shape=(8, 16), frame="optical"):
+        pixels = np.full(shape, meters, np.float32)
+        self.send("depth/image_raw", array_to_image(pixels, round(second * SECOND), frame, "32FC1"))
+
+    def seen(self):
+        return [(p.stamp_ns // SECOND, p.depth and float(p.depth.depth_m[0, 0])) for p in self.pictures]
+
+    def refusal(self, topic="depth/image_raw"):
+        return next(item for item in self.node.inputs if item.topic == topic).last_refusal
 
     def info(self, frame="optical", focal=10.0):
         message = camera_to_info(CAMERA, SECOND, frame)
@@ -150,7 +164,7 @@ def test_an_unknown_encoding_is_named_and_not_blamed_on_the_calibration():
     assert finding.reason == "BAD_INFO"
     assert "nonsense" in finding.detail
     assert finding.advice.startswith("publish a usual encoding")
-    assert "nonsense" in next(item for item in gate.node.inputs if item.topic == "image_raw").last_refusal
+    assert "nonsense" in gate.refusal("image_raw")
 
 
 def test_of_a_rig_whose_images_nobody_can_read_it_is_told_why():
@@ -237,3 +251,78 @@ def test_names_are_those_of_the_calibration_unless_some_are_chosen():
             rig_names(RigParams(cameras=words), rig)
     with pytest.raises(ValueError, match="found none"):
         rig_names(RigParams(), None)
+
+
+# --- depth beside images: each goes on once, in order, with the depth of its instant or without
+def deep():
+    gate = Gate(has_depth=True, mounting="0,0,1,0,0,0")
+    gate.info()
+    return gate
+
+
+@pytest.mark.parametrize("order", [("image", "depth"), ("depth", "image")])
+def test_an_image_goes_on_with_the_depth_of_its_instant(order):
+    gate = deep()
+    for second in (1, 2):
+        for kind in order:
+            gate.depth(second + 0.4 * SLACK_S, 2.0 + second) if kind == "depth" else gate.image(second)
+    assert gate.seen() == [(1, 3.0), (2, 4.0)]
+    assert gate.pictures[0].depth.camera == CAMERA
+    np.testing.assert_array_equal(gate.pictures[0].depth.T_image_depth.matrix, np.eye(4))
+
+
+def test_depth_a_hundredth_of_a_second_and_a_half_later_is_of_no_image():
+    gate = deep()
+    for second in (1, 2):
+        gate.image(second)
+        gate.depth(second + 1.5 * SLACK_S * (second == 1), 2.0 + second)
+    assert gate.seen() == [(1, None), (2, 4.0)]
+
+
+def test_an_image_without_depth_waits_for_the_next_one_and_after_some_for_none():
+    gate = deep()
+    gate.image(1)
+    assert gate.seen() == []
+    gate.depth(1.5)  # of no image
+    for second in (2, 3, 4):
+        gate.image(second)
+    assert gate.seen()[:2] == [(1, None), (2, None)]
+    for second in (5, 6):
+        gate.image(second)
+    assert gate.seen()[-1] == (6, None)  # no depth for long: it is not waited for
+    gate.depth(7, 5.0)
+    gate.image(7)
+    assert gate.seen()[-1] == (7, 5.0)
+
+
+def test_depth_of_a_camera_beside_is_placed_by_tf():
+    gate = deep()
+    gate.send("depth/camera_info", camera_to_info(DEPTH_CAMERA, 1, "depth_optical"))
+    gate.image(1)
+    gate.depth(1, shape=(6, 12), frame="depth_optical")
+    assert gate.seen() == [(1, None)]  # nobody says where it is: the image does not suffer from that
+    assert "depth_optical" in gate.refusal()
+    gate.send("tf_static", TFMessage(transforms=[se3_to_transform(T_IMAGE_DEPTH, SECOND, "optical", "depth_optical")]))
+    gate.image(2)
+    gate.depth(2, shape=(6, 12), frame="depth_optical")
+    found = gate.pictures[-1].depth
+    assert found.camera == DEPTH_CAMERA
+    np.testing.assert_allclose(found.T_image_depth.matrix, T_IMAGE_DEPTH.matrix, atol=1e-12)
+
+
+def test_depth_that_cannot_be_read_costs_no_image():
+    gate = deep()
+    gate.image(1)
+    gate.depth(1, shape=(6, 12))
+    assert gate.seen() == [(1, None)]
+    assert "expected 16 x 8" in gate.refusal()
+
+
+def test_after_a_jump_of_the_clock_nothing_old_is_joined():
+    gate = deep()
+    gate.image(5)
+    gate.intake.clear()
+    gate.depth(5)
+    gate.image(6)
+    gate.depth(6, 3.0)
+    assert gate.seen() == [(6, 3.0)]

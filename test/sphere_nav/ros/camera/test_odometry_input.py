@@ -19,7 +19,7 @@ class World:
         self.bus = OfflineBus()
         self.node = self.bus.add(ManagedNode)
         self.tf = TransformListener(self.node.endpoints, ignored="map")
-        self.odometry = OdometryInput(self.node.endpoints, self.tf.tree, "base_link")
+        self.odometry = OdometryInput(self.node.endpoints, self.tf, "base_link")
 
     def odom(self, stamp, frame="odom", pose=POSE):
         self.bus.deliver("/odom", se3_to_odometry(pose, np.eye(6), stamp, (frame, "base_link")))

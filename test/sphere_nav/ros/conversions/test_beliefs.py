@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import Imu
 
-from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, imu_attitude, similarities_to_scan
+from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
 
 
 def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
@@ -40,19 +39,3 @@ def test_a_turned_vehicle_sees_the_curve_peak_where_it_heads(yaw):
     assert -np.pi - 1e-6 <= seen[0] <= seen[-1] <= np.pi + 1e-6
     assert scan.angle_max == pytest.approx(seen[-1])
     np.testing.assert_allclose(scan.ranges, 1.0 + 0.5 * np.cos(seen + yaw - 1.0), atol=1e-5)
-
-
-def imu(*xyzw):
-    message = Imu()
-    q = message.orientation
-    q.x, q.y, q.z, q.w = xyzw
-    return message
-
-
-def test_an_attitude_is_read_where_there_is_one():
-    np.testing.assert_allclose(imu_attitude(imu(0.6, 0.0, 0.0, 0.8)), [0.6, 0.0, 0.0, 0.8])
-    unknown = imu(0.0, 0.0, 0.0, 1.0)
-    unknown.orientation_covariance[0] = -1.0
-    for message in (unknown, imu(0.0, 0.0, 0.0, 0.0), imu(float("nan"), 0.0, 0.0, 1.0)):
-        with pytest.raises(ValueError, match=r"imu\.orientation: expected a unit quaternion"):
-            imu_attitude(message)

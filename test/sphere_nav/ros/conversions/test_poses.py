@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped
+from sensor_msgs.msg import Imu
 
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.ros.conversions import (
@@ -17,6 +18,7 @@ from sphere_nav.ros.conversions import (
     time_to_ns,
     to_ros_covariance,
 )
+from sphere_nav.ros.conversions.poses import imu_attitude
 
 POSE = SE3.exp([1.0, -2.0, 0.5, 0.4, -0.3, 2.1])
 
@@ -68,3 +70,19 @@ def test_a_time_comes_back_to_the_nanosecond_or_is_refused_where_no_message_can_
     for time in [Time(sec=-1, nanosec=342_388_850), Time(sec=2**31 - 1, nanosec=10**9)]:
         with pytest.raises(ValueError, match="stamp: expected 0 to 2"):
             time_to_ns(time)
+
+
+def imu(*xyzw):
+    message = Imu()
+    q = message.orientation
+    q.x, q.y, q.z, q.w = xyzw
+    return message
+
+
+def test_an_attitude_is_read_where_there_is_one():
+    np.testing.assert_allclose(imu_attitude(imu(0.6, 0.0, 0.0, 0.8)), [0.6, 0.0, 0.0, 0.8])
+    unknown = imu(0.0, 0.0, 0.0, 1.0)
+    unknown.orientation_covariance[0] = -1.0
+    for message in (unknown, imu(0.0, 0.0, 0.0, 0.0), imu(float("nan"), 0.0, 0.0, 1.0)):
+        with pytest.raises(ValueError, match=r"imu\.orientation: expected a unit quaternion"):
+            imu_attitude(message)

@@ -25,7 +25,7 @@ class World:
         self.bus, self.now = OfflineBus(), now
         self.node = self.bus.add(ManagedNode)
         tf = TransformListener(self.node.endpoints, ignored="map")
-        odometry = OdometryInput(self.node.endpoints, tf.tree, "base_link")
+        odometry = OdometryInput(self.node.endpoints, tf, "base_link")
         self.transform = MapTransform(self.node.endpoints, odometry, "map", "base_link")
         self.pass_time(0)
 

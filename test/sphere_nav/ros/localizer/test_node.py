@@ -123,7 +123,10 @@ def test_a_map_that_is_missing_is_said_before_a_camera_that_is():
     said = [(one.state, one.reason, one.remedy) for one in bench.wait(6 * SECOND) if one.state == "NO_MAP"]
     assert set(said) == {("NO_MAP", "", "set `map`")}
     assert bench.node.lack() == "a map (set `map`)"
-    assert Parrot.lack(bench.bus.add(Parrot, {"base_frame": ""})) == ""
+    parrot = bench.bus.add(Parrot, {"base_frame": ""})
+    assert parrot.lack() == "camera_info, or sphere_info of a panorama"
+    bench.send("/camera_info", camera_to_info(CAMERA, bench.now, "camera"))
+    assert parrot.lack() == ""
 
 
 def test_silence_is_told_in_time_and_ends_with_the_next_image():

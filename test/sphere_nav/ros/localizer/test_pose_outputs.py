@@ -22,7 +22,9 @@ class World:
         self.bus = OfflineBus()
         self.node = self.bus.add(ManagedNode)
         odometry = OdometryInput(self.node.endpoints, TransformTree(), "base_link")
-        self.outputs = PoseOutputs(self.node.endpoints, NodeParams(), odometry, lambda: "yard")
+        self.outputs = PoseOutputs(
+            self.node.endpoints, NodeParams(), odometry, lambda: "yard", lambda: {"lost_images": 3.0}
+        )
 
     def said(self):
         return {record.topic: record.message for record in self.bus.settle()}
@@ -36,7 +38,7 @@ def test_a_lost_vehicle_is_an_error_in_the_diagnostics():
         ("LOST", "", ERROR),
     ]:
         world = World()
-        world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS), lost_images=3)
+        world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS))
         found, _, values = world.node.reports["localisation"]
         assert (found, values["lost_images"]) == (level, 3)
         assert world.outputs.state is State(state)
@@ -48,6 +50,7 @@ def test_a_turned_vehicle_is_unsure_along_the_axes_of_the_map():
     world.outputs.publish(BaseEstimate(Status(State.TRACKING, stamp_ns=STAMP_NS), T_map_base, local))
     messages = world.said()
     assert list(messages) == ["/pose", "/odometry", "/tf", "/status"]
+    assert messages["/status"].map_id == "yard"
     said = [messages["/pose"], messages["/odometry"], messages["/status"]]
     assert [stamp_ns(one) for one in said] == [STAMP_NS] * 3  # when the image was taken, not when it was computed
     fixed = np.array(messages["/pose"].pose.covariance).reshape(6, 6)
@@ -66,11 +69,3 @@ def test_a_state_that_flickers_is_logged_once_in_a_while(caplog):
             state = State.TRACKING if number % 2 else State.DEGRADED
             world.outputs.tell(Status(state, "" if number % 2 else "GAP", stamp_ns=STAMP_NS))
     assert [record.message.split(":")[0] for record in caplog.records] == ["DEGRADED", "TRACKING"]
-
-
-def test_without_trust_only_the_status_goes_out():
-    world = World()
-    world.outputs.publish(BaseEstimate(Status(State.PROBATION, stamp_ns=STAMP_NS)))
-    said = world.said()
-    assert set(said) == {"/status"}
-    assert said["/status"].map_id == "yard"

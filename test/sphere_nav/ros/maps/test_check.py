@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import SPHERE, open_map, save_map
 from sphere_nav.spheres.experiences import with_experience
@@ -22,13 +22,10 @@ def sphere_chunks(saved):
     return [index for index in summary.chunk_indexes if channel in index.message_index_offsets]
 
 
-def test_a_good_map_has_no_problems(saved):
+def test_a_flipped_byte_is_found_and_its_sphere_left_out(saved, tmp_path):
     steps = []
     assert verify_map(saved, steps.append) == []
     assert steps == [1, 1, 1]
-
-
-def test_a_flipped_byte_is_found_and_its_sphere_left_out(saved, tmp_path):
     index = sphere_chunks(saved)[1]
     data = bytearray((saved / "map.mcap").read_bytes())
     data[index.chunk_start_offset + index.chunk_length // 2] ^= 1
@@ -57,6 +54,19 @@ def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_gr
             node = reader.graph[10]
             np.testing.assert_allclose(node.T_map_sphere.matrix, sphere_graph[10].T_map_sphere.matrix, atol=1e-12)
         assert verify_map(tmp_path / f"saved{number}") == []
+
+
+def test_a_key_sphere_whose_bytes_are_none_is_left_out(saved, tmp_path):
+    with BagReader(saved) as bag, BagWriter(tmp_path / "odd", file_name="map.mcap") as odd:
+        spheres = [item.message for item in bag.raw([SPHERE])]
+        for name, info in bag.topics.items():
+            odd.add_topic(name, info.type, *info.profiles)
+        for topic, stamp, data in bag.raw():
+            odd.write_bytes(topic, data[:20] if data == spheres[1] else data, stamp)
+            odd.flush()
+    assert salvage_map(tmp_path / "odd", tmp_path / "saved") == 2
+    with open_map(tmp_path / "saved") as reader:
+        assert [node.id for node in reader.graph] == [10, 12]
 
 
 def test_a_map_without_its_info_is_salvaged_by_its_graph(saved, tmp_path):

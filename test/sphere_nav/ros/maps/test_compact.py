@@ -17,8 +17,8 @@ def test_spheres_come_back_as_they_were_put(rng):
     range_m = rng.uniform(0.5, 50.0, (32, 64)).astype(np.float32)
     range_m[3, 4:9] = np.nan, np.inf, np.nan, np.inf, 1.0
     spheres = CompactSpheres()
-    spheres.add(serialize_to_store(sphere_to_message(Sphere(image[::-1], range_m, camera, 5), "", 3)))
-    spheres.add(serialize_to_store(sphere_to_message(Sphere(image, range_m, camera, 5), "", 7)))
+    spheres.keep(serialize_to_store(sphere_to_message(Sphere(image[::-1], range_m, camera, 5), "", 3)))
+    spheres.keep(serialize_to_store(sphere_to_message(Sphere(image, range_m, camera, 5), "", 7)))
     assert list(spheres) == [3, 7]
     assert np.array_equal(spheres[3].image, image[::-1])
     found = spheres[7]
@@ -44,32 +44,24 @@ def test_features_come_back_as_they_were_put(rng):
     assert sorted(kept) == [7, 9]
 
 
-def test_what_was_added_comes_back_in_order_also_while_more_is_added(tmp_path):
-    spool = Spool(tmp_path)
-    assert [spool.add(data) for data in (b"one", b"", b"three")] == [0, 1, 2]
-    found = iter(spool)
-    assert next(found) == b"one"
-    spool.add(b"four")
-    assert list(found) == [b"", b"three"]
-    assert list(spool) == [b"one", b"", b"three", b"four"]
-    assert len(spool) == 4
-    assert spool[2] == b"three"
-    with pytest.raises(IndexError, match="below 4, found 4"):
-        spool[4]
-    spool.add(bytes(1 << 20))
-    assert list(tmp_path.iterdir()) == []  # nothing is left in the folder
+def test_the_last_that_was_added_holds_and_nothing_is_left_in_the_folder(tmp_path):
+    spool = Spool(bytes, tmp_path)
+    for sphere_id, data in ((7, b"one"), (3, b""), (9, bytes(1 << 20)), (7, b"four")):
+        spool.add(sphere_id, data)
+    assert dict(spool) == {7: b"four", 3: b"", 9: bytes(1 << 20)}
+    assert list(tmp_path.iterdir()) == []
     spool.close()
 
 
 def test_a_disk_that_is_full_says_where(tmp_path, monkeypatch):
-    spool = Spool(tmp_path)
+    spool = Spool(bytes, tmp_path)
 
     def write(data):
         raise OSError(28, "No space left on device")
 
-    file, spool._file = spool._file, SimpleNamespace(seek=lambda *where: None, write=write)
+    file, spool._file = spool._file, SimpleNamespace(seek=lambda *where: 0, write=write)
     with pytest.raises(OSError, match="No space left") as error:
-        spool.add(b"one")
+        spool.add(1, b"one")
     assert error.value.filename == str(tmp_path)
     assert len(spool) == 0
     file.close()

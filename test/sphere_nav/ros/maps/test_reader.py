@@ -132,7 +132,7 @@ def rewritten(saved, path, change):
     with BagReader(saved) as bag, BagWriter(path, file_name="map.mcap") as out:
         for topic, stamp, message in bag.messages():
             for item in change(topic, message):
-                out.end_chunk()
+                out.flush()
                 out.write(topic, item, stamp)
     return path
 

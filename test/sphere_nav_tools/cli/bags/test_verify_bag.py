@@ -18,7 +18,7 @@ def bag(tmp_path):
     with BagWriter(tmp_path / "drive") as out:
         for number in range(20):
             out.write("text", String(data=f"{number} " + "x" * 100), 10**9 * (1 + number))
-            out.end_chunk()
+            out.flush()
     return tmp_path / "drive"
 
 
