@@ -19,7 +19,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Run, find_candidates, look_up, trial_of, verify, verify_pairs
+from sphere_mapping.graph.verification import Run, find_candidates, look_up, verify_all, verify_pairs
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -57,8 +57,7 @@ def find_joins(base: Submap, drive: Submap, run: Run = map) -> Joins:
     found = list(run(find_candidates, (look_up(base.index, drive.index.features[node.id]) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
     best = ((newer, sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]) for newer, found in alike)
-    trials = (trial_of(newer, drive.load(newer), candidates, base.load) for newer, candidates in best)
-    aligned = [edge for edge in run(verify, trials) if edge is not None]
+    aligned = verify_all(best, base.load, drive.load, run)
     return Joins(agreeing(base.graph, drive.graph, aligned), len(nodes), len(alike), len(aligned))
 
 

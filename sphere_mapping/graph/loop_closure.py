@@ -36,6 +36,7 @@ from sphere_mapping.graph.verification import (
     look_up,
     trial_of,
     verify,
+    verify_all,
     verify_pairs,
 )
 from sphere_mapping.params import MapperParams
@@ -73,10 +74,8 @@ class LoopCloser:
         placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
         found = zip(ids, placed, strict=True)
         chosen = {newer_id: choose_candidate(graph, newer_id, candidates) for newer_id, candidates in found}
-        trials = (
-            trial_of(newer_id, self._load(newer_id), [one], self._load) for newer_id, one in chosen.items() if one
-        )
-        loops = [loop for loop in run(verify, trials) if loop is not None]
+        asked = ((newer_id, [one]) for newer_id, one in chosen.items() if one)
+        loops = verify_all(asked, self._load, self._load, run)
         joined |= {(loop.a, loop.b) for loop in loops}
         is_whole = self._load(ids[0]).camera.is_whole
         seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))

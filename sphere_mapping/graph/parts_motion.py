@@ -7,8 +7,6 @@ one motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_CHANCE
@@ -23,14 +21,7 @@ from sphere_nav.spheres.constants import EDGE_SHARE
 from sphere_nav.spheres.range_alignment import meet
 
 
-@dataclass(frozen=True, eq=False)
-class PartsMotion(TwoWayMotion):
-    """A motion by parts of the images, with the larger of both chances."""
-
-    chance: float
-
-
-def measure_motion_by_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> PartsMotion | None:
+def measure_motion_by_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> TwoWayMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are proven and are one motion."""
     forward = align_parts(a, b, T_a_b)
     if forward.chance > MAX_PARTS_CHANCE:
@@ -46,8 +37,7 @@ def measure_motion_by_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) ->
     both = forward.covariance + adjoint @ back.covariance @ adjoint.T
     if squared_mahalanobis(gap, both + floor) > gate(6):
         return None
-    motion = meet(T_there, T_back, 0.5 * both, EDGE_FLOOR)
-    return PartsMotion(*motion, max(forward.chance, back.chance))
+    return TwoWayMotion(*meet(T_there, T_back, 0.5 * both, EDGE_FLOOR))
 
 
 def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> PartsAlignment:

@@ -6,10 +6,9 @@ What is asked and answered are values, so that it makes no difference where the 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from itertools import starmap
 from typing import Any, TypeVar
 
 from sphere_mapping.constants import MIN_INLIERS, NUM_ALIKE
@@ -84,6 +83,17 @@ def verify(trial: LoopTrial) -> Edge | None:
     return None
 
 
+def verify_all(
+    asked: Iterable[tuple[int, Sequence[Candidate]]],
+    load_older: Callable[[int], Sphere],
+    load_newer: Callable[[int], Sphere],
+    run: Run = map,
+) -> list[Edge]:
+    """Return the edges that are confirmed of new key spheres by id, and the candidates that each is aligned with."""
+    trials = (trial_of(newer_id, load_newer(newer_id), found, load_older) for newer_id, found in asked)
+    return [edge for edge in run(verify, trials) if edge is not None]
+
+
 def verify_pairs(
     pairs: Iterable[tuple[KeySphere, KeySphere]],
     load_older: Callable[[int], Sphere],
@@ -91,12 +101,8 @@ def verify_pairs(
     run: Run = map,
 ) -> list[Edge]:
     """Return the edges of key spheres (older, newer) that are confirmed from where the graph has them."""
-
-    def trial(older: KeySphere, newer: KeySphere) -> LoopTrial:
-        guess = older.T_map_sphere.inverse() @ newer.T_map_sphere
-        return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),))
-
-    return [edge for edge in run(verify, starmap(trial, pairs)) if edge is not None]
+    guesses = ((a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere) for a, b in pairs)
+    return verify_all(((b, [Candidate(a, T_a_b, 0)]) for a, b, T_a_b in guesses), load_older, load_newer, run)
 
 
 def run_in(executor: Executor, num_ahead: int) -> Run:

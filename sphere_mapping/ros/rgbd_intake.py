@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from sensor_msgs.msg import CameraInfo
@@ -66,11 +65,6 @@ class RgbdIntake:
             is_other = depth_frame != mount.frame_id
             T_image_depth = self._lookup(mount.frame_id, depth_frame) if is_other else SE3.identity()
         if depth_camera != camera or np.any(T_image_depth.log()):
-            register = _registration(depth_camera, camera, T_image_depth.matrix.tobytes())
+            register = DepthRegistration.between(depth_camera, camera, T_image_depth)
             depth_m = register(np.ascontiguousarray(depth_m, np.float32))
         return RgbdView(instant.images[IMAGE], depth_m, camera, mount.T_sphere_body @ T_BODY_OPTICAL)
-
-
-@lru_cache(maxsize=4)
-def _registration(depth_camera: Camera, camera: Camera, T_image_depth: bytes) -> DepthRegistration:
-    return DepthRegistration(depth_camera, camera, SE3(np.frombuffer(T_image_depth).reshape(4, 4)))

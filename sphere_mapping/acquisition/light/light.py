@@ -60,10 +60,7 @@ def std_of(first: Array, second: Array) -> Array:
 
 def falloff(coefficients: Array, squares: Array) -> Array:
     """Return V (...,) at s (...,), from coefficients (NUM_POWERS,)."""
-    found = np.zeros_like(squares)
-    for coefficient in coefficients[::-1]:
-        found = (found + coefficient) * squares
-    return found
+    return np.polyval([*coefficients[::-1], 0.0], squares)
 
 
 class Falloff:
@@ -106,21 +103,18 @@ class Falloff:
 
     def _powers(self, seen: PairRatios) -> Array:
         """Return the derivatives (N, cameras * NUM_POWERS) of the ratios by all coefficients."""
-        found = np.zeros((seen.ratio.size, len(self._vector)))
+        powers = np.stack([seen.squares[k] ** power for k in range(2) for power in range(1, NUM_POWERS + 1)], axis=-1)
+        found = np.zeros((seen.ratio.size, len(self._vector) // NUM_POWERS, NUM_POWERS))
         at = np.arange(seen.ratio.size)
-        for camera, square, sign in zip(seen.cameras, seen.squares, (1.0, -1.0), strict=True):
-            for k in range(NUM_POWERS):
-                found[at, NUM_POWERS * camera + k] += sign * square ** (k + 1)
-        return found
+        found[at, seen.cameras[0]] += powers[:, :NUM_POWERS]
+        found[at, seen.cameras[1]] -= powers[:, NUM_POWERS:]
+        return found.reshape(seen.ratio.size, -1)
 
 
 def design(seen: PairRatios, num_exposures: int) -> Array:
     """Return the derivatives (N, num_exposures) of the ratios by the exposures; none within one exposure."""
-    rows = np.zeros((seen.ratio.size, num_exposures))
-    at = np.arange(seen.ratio.size)
-    rows[at, seen.exposures[0]] += 1.0
-    rows[at, seen.exposures[1]] -= 1.0
-    return rows
+    alone = np.eye(num_exposures)
+    return alone[seen.exposures[0]] - alone[seen.exposures[1]]
 
 
 def descend(

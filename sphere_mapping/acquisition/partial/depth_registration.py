@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
-from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_with_std
+from sphere_mapping.acquisition.kernels import sample_inverse_depth
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -25,6 +27,22 @@ def sample_inverse(inverse: Floats, u: Floats, v: Floats, max_step: float = MAX_
     return sampled.reshape(u.shape)
 
 
+def draw_nearest(points: Array, target: Camera, size: int) -> Floats:
+    """Return the range (H, W) of the nearest of points (N, 3), each drawn size x size px wide; +Inf where none is."""
+    pixels, _ = target.project(points)
+    seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    first = np.floor(np.clip(pixels[seen].astype(np.float32), -1e6, 1e6) - (0.5 * size - 1)).astype(np.intp)
+    ranges = np.linalg.norm(points[seen], axis=1).astype(np.float32)
+    nearest = np.full((target.height, target.width), np.inf, np.float32)
+    is_whole = isinstance(target, Spherical) and target.is_whole
+    for dv, du in np.ndindex(size, size):
+        u, v = first[:, 0] + du, first[:, 1] + dv
+        u = u % target.width if is_whole else u
+        is_in = (u >= 0) & (u < target.width) & (v >= 0) & (v < target.height)
+        np.minimum.at(nearest.ravel(), v[is_in] * target.width + u[is_in], ranges[is_in])
+    return nearest
+
+
 class DepthRegistration:
     """Turns depth along z of `camera` into what `target` sees; the rays of both are computed once.
 
@@ -38,6 +56,11 @@ class DepthRegistration:
         T_camera_target = T_target_camera.inverse()
         self._to_target = T_target_camera.translation, rays_camera
         self._to_camera = T_camera_target.translation, self._rays @ T_camera_target.rotation.T
+
+    @classmethod
+    def between(cls, camera: Camera, target: Camera, T_target_camera: SE3) -> DepthRegistration:
+        """Return that of two cameras and their place; of the latest ones the rays are known."""
+        return _between(camera, target, T_target_camera.matrix.tobytes())
 
     def __call__(self, depth_m: NDArray[np.floating]) -> Floats:
         """Return the depth (H, W) of `target` along z in m, NaN where there is none."""
@@ -64,13 +87,7 @@ class DepthRegistration:
         with np.errstate(divide="ignore", invalid="ignore"):
             points = rays / inverse.ravel()[:, None] + origin
         points = points[np.isfinite(points).all(axis=1)]
-        pixels, _ = self._target.project(points)
-        u, v = np.ascontiguousarray(pixels.T, dtype=np.float32)
-        nearest = np.full((self._target.height, self._target.width), np.inf, np.float32)
-        is_whole = isinstance(self._target, Spherical) and self._target.is_whole
-        ranges = np.linalg.norm(points, axis=1).astype(np.float32)
-        splat_with_std(u, v, ranges, ranges, 2, is_whole, nearest, np.empty_like(nearest))
-        return nearest
+        return draw_nearest(points, self._target, 2)
 
     def _measure(self, inverse: Floats, points: Array) -> Array:
         """Return the depth that `camera` measured in the direction of points (N, 3)."""
@@ -78,3 +95,8 @@ class DepthRegistration:
         u, v = np.ascontiguousarray(np.nan_to_num(pixels, nan=-1e4).T, dtype=np.float32)
         with np.errstate(divide="ignore"):
             return 1.0 / sample_inverse(inverse, u, v, MAX_SURFACE_STEP).astype(np.float64)
+
+
+@lru_cache(maxsize=16)
+def _between(camera: Camera, target: Camera, T_target_camera: bytes) -> DepthRegistration:
+    return DepthRegistration(camera, target, SE3(np.frombuffer(T_target_camera).reshape(4, 4)))

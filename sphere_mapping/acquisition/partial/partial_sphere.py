@@ -79,7 +79,7 @@ class RgbdView:
     """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H, W) in metres, NaN or <= 0 unknown.
 
     Depth is registered to the image. twist (6,) is the motion (v, omega) of the sphere, whose centre is the camera's,
-    while all rows were read.
+    while all rows were read. relative_std (H, W) of the depth, where that is known.
     """
 
     image: Bytes
@@ -87,6 +87,7 @@ class RgbdView:
     camera: Camera
     T_sphere_camera: SE3 = T_BODY_OPTICAL
     twist: Array | None = None
+    relative_std: Floats | None = None
 
     def __post_init__(self) -> None:
         check_sphere_image(self.image, self.camera)
@@ -106,14 +107,13 @@ def sphere_from_rgbd(
 
 
 def sphere_from_view(view: RgbdView, stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
-    """Return the partial sphere of an RGB-D camera at one instant."""
-    window = window_of(view.camera, view.T_sphere_camera, full_width_of(view.camera, params or PartialParams()))
-    return Sphere(*_resample(view, window), window, stamp_ns)
-
-
-def full_width_of(camera: Camera, params: PartialParams) -> int:
-    """Return the columns of a whole sphere as fine as the camera, times `resolution`."""
-    return full_width_for(camera.pixels_per_radian * params.resolution)
+    """Return the partial sphere of a camera at one instant, as fine as the camera, times `resolution`."""
+    camera, place, resolution = view.camera, view.T_sphere_camera, (params or PartialParams()).resolution
+    window = window_of(camera, place, full_width_for(camera.pixels_per_radian * resolution))
+    image, range_m = _resample(view, window)
+    relative = view.relative_std
+    std_m = None if relative is None else range_m * resample_nearest(relative, camera, place, window)
+    return Sphere(image, range_m, window, stamp_ns, std_m)
 
 
 def _resample(view: RgbdView, window: Spherical) -> tuple[Bytes, Floats]:
@@ -162,8 +162,7 @@ def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camer
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
-        moved = _registration(camera, T_sphere_camera.matrix.tobytes(), window)
-        range_m: NDArray[np.floating] = moved.ranges(inverse)
+        range_m: NDArray[np.floating] = DepthRegistration.between(camera, window, T_sphere_camera).ranges(inverse)
     else:
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
@@ -188,11 +187,6 @@ def _pixels_of(points_sphere: Array, camera: Camera, T_sphere_camera: SE3) -> tu
     pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
     u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
     return u, v, visible
-
-
-@lru_cache(maxsize=16)
-def _registration(camera: Camera, T_sphere_camera: bytes, window: Spherical) -> DepthRegistration:
-    return DepthRegistration(camera, window, SE3(np.frombuffer(T_sphere_camera).reshape(4, 4)))
 
 
 @lru_cache(maxsize=16)

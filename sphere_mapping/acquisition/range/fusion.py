@@ -16,8 +16,8 @@ from sphere_mapping.acquisition.constants import (
     PATCH_PX,
     STEEP,
 )
-from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
+from sphere_mapping.acquisition.partial.depth_registration import draw_nearest
 from sphere_mapping.acquisition.partial.partial_sphere import resample_range
 from sphere_mapping.acquisition.partial.window import place_in, window_of
 from sphere_mapping.acquisition.range.levels import around
@@ -94,13 +94,10 @@ def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical) -> R
     """Return the range of points (N, 3) in the sphere's frame; the nearest hides the others."""
     points = np.asarray(points_sphere, dtype=np.float64)
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
-    nearest = np.full((whole.height, whole.width), np.inf, np.float32)
-    std_m = np.full(nearest.shape, np.nan, np.float32)
-    u, v = (np.ascontiguousarray(values, dtype=np.float32) for values in whole.project(points)[0].reshape(-1, 2).T)
-    ranges = np.linalg.norm(points, axis=-1).astype(np.float32)
-    splat_with_std(u, v, ranges, np.full_like(ranges, CLOUD_STD_M), PATCH_PX, True, nearest, std_m)
-    nearest[np.isinf(nearest)] = np.nan
-    return nearest, std_m
+    nearest = draw_nearest(points, whole, PATCH_PX)
+    is_known = np.isfinite(nearest)
+    nothing = np.float32(np.nan)
+    return np.where(is_known, nearest, nothing), np.where(is_known, np.float32(CLOUD_STD_M), nothing)
 
 
 def range_from_depth(

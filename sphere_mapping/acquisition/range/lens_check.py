@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import cv2
@@ -57,26 +57,17 @@ def _angle_between(ours: Camera, theirs: Camera) -> float:
     return float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
 
 
-@dataclass(frozen=True)
-class LensEvidence:
-    """Of how many common features which share fits the rig file, and the other lens that fits best."""
+def why_other_lens(num: int, given: float, other: float, lens: str) -> str:
+    """Return what the images are of, if not of what the rig file says; empty: of that, or nobody knows.
 
-    num: int
-    given: float = 0.0
-    other: float = 0.0
-    lens: str = ""
-
-    @property
-    def reason(self) -> str:
-        """What the images are of, if not of what the rig file says; empty: of that, or nobody knows."""
-        (share, factor), (many, least) = OTHER_LENS, OTHER_CAMERAS
-        if self.other > share and self.other > factor * self.given:
-            return (
-                f"a {self.lens}: {self.other:.0%} of {self.num} common features fit it, {self.given:.0%} the rig file"
-            )
-        if self.num >= many and self.given < least:
-            return f"other cameras: {self.given:.0%} of {self.num} common features fit the rig file"
-        return ""
+    Of `num` common features the share `given` fits the rig file, and `other` the other lens that fits best.
+    """
+    (share, factor), (many, least) = OTHER_LENS, OTHER_CAMERAS
+    if other > share and other > factor * given:
+        return f"a {lens}: {other:.0%} of {num} common features fit it, {given:.0%} the rig file"
+    if num >= many and given < least:
+        return f"other cameras: {given:.0%} of {num} common features fit the rig file"
+    return ""
 
 
 def check_lenses(rig: Rig, images: Mapping[str, Bytes]) -> None:
@@ -85,13 +76,6 @@ def check_lenses(rig: Rig, images: Mapping[str, Bytes]) -> None:
     Neighbours that look different ways see the same things by different parts of their lenses; the same focal length
     read as another model puts these things elsewhere. Cameras without common features say nothing.
     """
-    if reason := weigh_lenses(rig, images).reason:
-        models = ", ".join(sorted({part.camera.model for part in rig.cameras}))
-        raise ValueError(f"rig {rig.name}: lens: expected {models} (rig file), found images of {reason}")
-
-
-def weigh_lenses(rig: Rig, images: Mapping[str, Bytes]) -> LensEvidence:
-    """Return what the grey images (h, w) share, and whether the rig file or another lens explains it."""
     others = _other_lenses(rig)
     rigs = (rig, *others.values())
     pairs = [
@@ -102,11 +86,13 @@ def weigh_lenses(rig: Rig, images: Mapping[str, Bytes]) -> LensEvidence:
     matches = _match_all(images, pairs)
     num = sum(len(one.pixels_first) for one in matches)
     if num < MIN_LENS_MATCHES:
-        return LensEvidence(num)
+        return
     shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
     name, k1 = max(shares, key=lambda lens: shares[lens])
     lens = f"{name} of distortion {k1}" if k1 else name
-    return LensEvidence(num, _share_that_fits(rig, matches), shares[name, k1], lens)
+    if reason := why_other_lens(num, _share_that_fits(rig, matches), shares[name, k1], lens):
+        models = ", ".join(sorted({part.camera.model for part in rig.cameras}))
+        raise ValueError(f"rig {rig.name}: lens: expected {models} (rig file), found images of {reason}")
 
 
 def _other_lenses(rig: Rig) -> dict[tuple[str, float], Rig]:

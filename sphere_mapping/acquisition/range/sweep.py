@@ -64,7 +64,6 @@ from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
     hypotheses_of,
     hypothesis_table,
-    lens_tables,
     level_of,
     sharpness,
     sight_of,
@@ -103,10 +102,8 @@ class SphereSweep:
         self._levels = [level_of(whole, self._views) for whole in wholes]
         self._first, self._step = hypotheses_of(self._views, wholes[-1], params.match.nearest_m)
         self._table = hypothesis_table(self._views, self._levels[-1], self._first, self._step)
-        poses = [view.T_sphere_camera for view in self._views]
-        rotations = np.stack([pose.rotation.T for pose in poses]).astype(np.float32)
-        centers = np.stack([pose.rotation.T @ pose.translation for pose in poses]).astype(np.float32)
-        self._lens = (rotations, centers, *lens_tables(self._views))
+        *lenses, tables = map(np.stack, zip(*(view.lens for view in self._views), strict=True))
+        self._lens = (*lenses, np.ascontiguousarray(tables[..., :2].reshape(len(tables), -1, 2)))
         self._stretch = sharpness(self._views, wholes[-1])
         names = [view.name for view in self._views]
         self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(

@@ -1,8 +1,4 @@
-"""What the sweep on the sphere knows of a rig before any image: where each camera of whatever model has a direction.
-
-A camera model is asked for pixels when the tables are made and never again, so that every central camera will do. Its
-lens is a table over the tangents of half the angle off the axis (stereographic), in which pixels hardly bend.
-"""
+"""What the sweep on the sphere knows of a rig before any image: where each camera of whatever model has a direction."""
 
 from __future__ import annotations
 
@@ -18,12 +14,10 @@ from sphere_mapping.acquisition.constants import (
     FAINT_STRETCH,
     GRID_STEP,
     HYPOTHESIS_PX,
-    MAX_HALF_TANGENT,
     MAX_VIEWS,
     MIN_BASELINE_M,
     MIN_SHARED_VIEW,
     SIGHT_M,
-    TABLE_SIDE,
     VERY_FAR_M,
     VIEW_GRID,
 )
@@ -84,22 +78,6 @@ def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
     return SweepLevel(whole, (azimuths, elevations), tuple(halvings), starts, sizes, scales, tuple(is_dead))
 
 
-def lens_tables(views: Sequence[RigView]) -> tuple[Floats, Floats]:
-    """Return extents (C, 2) and tables (C, S S, 2) of the cameras' lenses, as `kernels.align` takes them."""
-    extents, tables = [], []
-    for view in views:
-        rays = pixel_rays(view.camera)[view.border > 0]
-        largest = np.sqrt(np.max((1 - rays[:, 2]) / np.maximum(1 + rays[:, 2], 1e-3), initial=1e-3))
-        largest = min(1.05 * float(largest), MAX_HALF_TANGENT)
-        grid = np.linspace(-largest, largest, TABLE_SIDE)
-        s, t = np.meshgrid(grid, grid)
-        square = s * s + t * t
-        points = np.stack([2 * s, 2 * t, 1 - square], axis=-1)
-        tables.append(_pixels(view, points).reshape(-1, 2))
-        extents.append((largest, (TABLE_SIDE - 1) / (2 * largest)))
-    return np.array(extents, np.float32), np.stack(tables)
-
-
 def hypotheses_of(views: Sequence[RigView], coarsest: Spherical, nearest_m: float) -> tuple[float, float]:
     """Return the first inverse range (1/m) that is looked for, and the step to the next one.
 
@@ -121,7 +99,8 @@ def hypothesis_table(views: Sequence[RigView], level: SweepLevel, first: float, 
     table = np.empty((rows.size, len(views), columns.size, 2, NUM_HYPOTHESES), np.float32)
     for c, view in enumerate(views):
         for k in range(NUM_HYPOTHESES):
-            table[:, c, :, :, k] = _pixels(view, _seen_from(view, rays, first + k * step)) * level.scales[c]
+            u, v, _ = view.look(_seen_from(view, rays, first + k * step))
+            table[:, c, :, 0, k], table[:, c, :, 1, k] = u * level.scales[c], v * level.scales[c]
     return table
 
 
@@ -164,17 +143,18 @@ def why_no_range(rig: Rig) -> str:
     """Return why no two cameras measure range: the pair that comes nearest, and what it lacks; empty: some do."""
     if len(rig.cameras) < 2:
         return f"rig {rig.name}: no range from stereo: expected two cameras, found {len(rig.cameras)}"
-    shares, apart = {}, {}
-    for a, b in combinations(rig.cameras, 2):
-        apart[a.name, b.name] = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
-        shares[a.name, b.name] = shared_view(a, b)
-        if apart[a.name, b.name] >= MIN_BASELINE_M["side"] and shares[a.name, b.name] >= MIN_SHARED_VIEW:
-            return ""
-    best = max(shares, key=lambda names: shares[names])
-    names = ", ".join(best)
-    lack = f"centres {MIN_BASELINE_M['side']} m apart, found {apart[best]:.3f} m ({names})"
-    if shares[best] < MIN_SHARED_VIEW:
-        lack = f"{MIN_SHARED_VIEW:.0%} of the sphere seen by two cameras, found {shares[best]:.1%} at most ({names})"
+    least_m = MIN_BASELINE_M["side"]
+    pairs = [
+        (shared_view(a, b), float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation)), a, b)
+        for a, b in combinations(rig.cameras, 2)
+    ]
+    if any(share >= MIN_SHARED_VIEW and apart_m >= least_m for share, apart_m, *_ in pairs):
+        return ""
+    share, apart_m, a, b = max(pairs, key=lambda pair: pair[0])
+    lack = f"centres {least_m} m apart, found {apart_m:.3f} m ({a.name}, {b.name})"
+    if share < MIN_SHARED_VIEW:
+        seen = f"{MIN_SHARED_VIEW:.0%} of the sphere seen by two cameras"
+        lack = f"{seen}, found {share:.1%} at most ({a.name}, {b.name})"
     return f"rig {rig.name}: no range from stereo: expected {lack}"
 
 
@@ -190,11 +170,6 @@ def _seen_from(view: RigView, rays: Array, inverse: float) -> Array:
     """Return points (..., 3) of a camera's frame, by their range, that the sphere has along rays."""
     T = view.T_sphere_camera
     return (rays - inverse * T.translation) @ T.rotation
-
-
-def _pixels(view: RigView, points: Array) -> Floats:
-    """Return pixels (..., 2) of points in the frame of a camera; far outside where it has none."""
-    return np.nan_to_num(view.camera.project(points)[0], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32)
 
 
 def _runs(sees: Flags, halvings: int) -> tuple[Indices, Indices]:

@@ -74,10 +74,8 @@ def warps_of(camera: Pinhole, pixels: Array, inverse: Array, slopes: Array, T_ot
     p = middle @ R.T + t * inverse[:, None]
     by = (R[:, :2] / f)[None] + t[:, None] * slopes[:, None, :]  # (N, 3, 2)
     q = p[:, None] + np.einsum("nij,mj->nmi", by, OFFSETS)
-    at = p[:, :2] / p[:, 2:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        warps = f * (q[..., :2] / q[..., 2:] - at[:, None])
-    return warps, f[:, None] * (by[:, :2] - at[..., None] * by[:, 2:]) / p[:, 2:, None]
+    warps = camera.project(q)[0] - camera.project(p)[0][:, None]
+    return warps, camera.J_project(p) @ by
 
 
 def find_patches(

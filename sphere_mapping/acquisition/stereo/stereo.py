@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_PX, MAX_WIDTH_SHARE, MIN_DISPARITY_PX
-from sphere_mapping.acquisition.partial.partial_sphere import (
-    full_width_of,
-    resample_image,
-    resample_nearest,
-    resample_range,
-)
-from sphere_mapping.acquisition.partial.window import window_of
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_view
 from sphere_mapping.acquisition.range.matching import Disparity, Search, match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_mapping.params import PartialParams, StereoParams
@@ -35,17 +29,12 @@ def sphere_from_stereo(
 
     is_seen (H, W): where the left image shows something; None: everywhere.
     """
-    params, partial = params or StereoParams(), partial or PartialParams()
-    depth_m, relative_std = depth_from_stereo(left, right, camera, baseline_m, params)
+    depth_m, relative_std = depth_from_stereo(left, right, camera, baseline_m, params or StereoParams())
     if is_seen is not None:
         depth_m[~is_seen] = np.nan
         left = np.where(is_seen if left.ndim == 2 else is_seen[..., None], left, 0).astype(np.uint8)
-    window = window_of(camera, T_sphere_camera, full_width_of(camera, partial))
-    range_m = resample_range(depth_m, camera, T_sphere_camera, window)
-    image, seen = resample_image(left, camera, T_sphere_camera, window, range_m)
-    range_m[~seen] = np.nan
-    range_std_m = range_m * resample_nearest(relative_std, camera, T_sphere_camera, window)
-    return Sphere(image, range_m, window, stamp_ns, range_std_m)
+    view = RgbdView(left, depth_m, camera, T_sphere_camera, relative_std=relative_std)
+    return sphere_from_view(view, stamp_ns, partial)
 
 
 def depth_from_stereo(

@@ -169,25 +169,20 @@ class _State:
         J_columns, J_poses = np.zeros((*shape, len(columns))), np.zeros((*shape, 6 * (K - 1)))
         for k, T in enumerate(self.T_view_first):
             p = self.rays @ T.rotation.T + T.translation * self.inverse[:, None]  # point by its inverse depth
-            z = np.maximum(p[:, 2], 1e-3)
-            x, y = p[:, 0] / z, p[:, 1] / z
-            right_x = (p[:, 0] - self.baseline_m * self.inverse) / z
-            basis = basis_of_columns(right_x, y)[:, : len(columns)]
-            by_x, by_y = (part[:, : len(columns)] @ columns for part in slopes_of_columns(right_x, y))
-            slope = camera.fx + by_x  # of the right column by its tangent
-            r[k, :, 0] = camera.fx * x + camera.cx - self.window.left[k, :, 0]
-            r[k, :, 1] = camera.fy * y + camera.cy - self.window.left[k, :, 1]
-            r[k, :, 2] = camera.fx * right_x + camera.cx + basis @ columns - self.window.right_u[k]
-            by_point = np.zeros((len(z), 3, 3))
-            by_point[:, 0, 0] = camera.fx / z
-            by_point[:, 0, 2] = -camera.fx * x / z
-            by_point[:, 1, 1] = camera.fy / z
-            by_point[:, 1, 2] = -camera.fy * y / z
-            by_point[:, 2, 0] = slope / z
-            by_point[:, 2, 1] = by_y / z
-            by_point[:, 2, 2] = -(slope * right_x + by_y * y) / z
+            p[:, 2] = np.maximum(p[:, 2], 1e-3)
+            p_right = p - np.outer(self.inverse, (self.baseline_m, 0.0, 0.0))
+            (left, _), (right, _) = camera.project(p), camera.project(p_right)
+            place = tangents(camera, right)
+            basis = basis_of_columns(*place)[:, : len(columns)]
+            by_x, by_y = (part[:, : len(columns)] @ columns for part in slopes_of_columns(*place))
+            r[k, :, :2] = left - self.window.left[k]
+            r[k, :, 2] = right[:, 0] + basis @ columns - self.window.right_u[k]
+            by_right = np.column_stack([1 + by_x / camera.fx, by_y / camera.fy])  # of the right column by its pixel
+            by_point = np.concatenate(
+                [camera.J_project(p), np.einsum("ni,nij->nj", by_right, camera.J_project(p_right))[:, None]], axis=1
+            )
             J_inverse[k] = by_point @ T.translation
-            J_inverse[k, :, 2] -= slope * self.baseline_m / z
+            J_inverse[k, :, 2] -= by_point[:, 2, 0] * self.baseline_m
             J_columns[k, :, 2] = basis
             if k:
                 J_poses[k, :, :, 6 * k - 6 : 6 * k - 3] = by_point * self.inverse[:, None, None]

@@ -13,10 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
-from sphere_mapping.acquisition.kernels import warp_by_range
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
-from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
+from sphere_mapping.acquisition.stitching.views import Layout, StitchedView, warp
 from sphere_nav.geometry.arrays import Bytes, Floats
 
 
@@ -59,11 +57,10 @@ def warp_view(
     for tile in (Block(0, 0, block.height, block.width),) if tiles is None else tiles:
         rows, columns = slice(tile.row, tile.row + tile.height), slice(tile.column, tile.column + tile.width)
         if inverse_range is None:
-            maps = [table[rows, columns] for table in view.table]
+            maps = tuple(table[rows, columns] for table in view.table)
         else:
-            maps = [np.empty((tile.height, tile.width), np.float32) for _ in range(2)]
-            place = block.row, block.column, tile.row, tile.column
-            warp_by_range(view.by_range, INVERSE_LEVELS, GRID_STEP, inverse_range, *place, *maps)
+            place = Block(block.row + tile.row, block.column + tile.column, tile.height, tile.width)
+            maps = warp(view.lens, inverse_range, place)
         drawn = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         np.maximum(drawn, 1, out=part[rows, columns])
     return part
@@ -73,7 +70,7 @@ def _put(image: Bytes, part: Bytes, block: Block, mask: Bytes) -> None:
     """Copy a block's part to the sphere where the mask is not 0; its columns wrap around."""
     width, rows = image.shape[1], slice(block.row, block.row + block.height)
     first = min(block.width, width - block.column)
-    for columns, place in ((slice(0, first), block.column), (slice(first, min(block.width, width)), 0)):
+    for columns, place in ((slice(0, first), block.column), (slice(first, block.width), 0)):
         size = columns.stop - columns.start
         if size > 0:
             cv2.copyTo(part[:, columns], mask[:, columns], image[rows, place : place + size])

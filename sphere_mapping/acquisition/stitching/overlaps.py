@@ -78,7 +78,6 @@ class Overlaps:
             both = is_inside[a] & is_inside[b]
             block = block_around(both, OVERLAP_GRID, 1, 0, 1)
             if block is not None and (number := np.count_nonzero(both & is_even)) >= MIN_SHARED:
-                block = Block(block.row, block.column, block.height, min(block.width, OVERLAP_GRID.width))
                 chosen = np.argwhere(block.cut(both & is_even))[:: -(-number // MAX_SHARED)].astype(np.int32)
                 own_angles = (block.cut(angles[a])[*chosen.T], block.cut(angles[b])[*chosen.T])
                 self.pairs.append(Overlap(a, b, block, block.cut(both), chosen, own_angles))

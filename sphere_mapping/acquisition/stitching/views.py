@@ -9,18 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, VERY_FAR_M
+from sphere_mapping.acquisition.constants import GRID_STEP, MAX_HALF_TANGENT, TABLE_SIDE, VERY_FAR_M
+from sphere_mapping.acquisition.kernels import warp_by_range
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_mapping.acquisition.stitching.tiles import tiles_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav.spheres.sphere import continued
+
+Lens = tuple[Floats, Floats, Floats, Floats]  # R (3, 3), b (3,), extent (2,), table (S, S, 3) of u, v and border
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +42,30 @@ class RigView:
 
     def project(self, points: Array) -> tuple[Floats, Floats, Floats]:
         """Return u, v and border (...,) where the camera sees points (..., 3) of the sphere's frame; 0: not at all."""
-        pixels, visible = self.camera.project(self.T_sphere_camera.inverse().apply(points))
+        return self.look(self.T_sphere_camera.inverse().apply(points))
+
+    def look(self, points: Array) -> tuple[Floats, Floats, Floats]:
+        """Return the same of points (..., 3) in the frame of the camera."""
+        pixels, visible = self.camera.project(points)
         u, v = (np.nan_to_num(pixels[..., k], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32) for k in (0, 1))
         flat = [np.ascontiguousarray(plane.reshape(len(points), -1)) for plane in (u, v)]
         border = cv2.remap(self.border, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(u.shape)
         return u, v, np.where(visible, np.maximum(border, 0.0), np.float32(0.0))
+
+    @cached_property
+    def lens(self) -> Lens:
+        """The lens as `kernels.warp_by_range` takes it, but for its table (S S, 3): u, v and border.
+
+        A camera model is asked for pixels when this is made and never again, so that every central camera will do.
+        """
+        rays = pixel_rays(self.camera)[self.border > 0]
+        largest = np.sqrt(np.max((1 - rays[:, 2]) / np.maximum(1 + rays[:, 2], 1e-3), initial=1e-3))
+        largest = min(1.05 * float(largest), MAX_HALF_TANGENT)
+        s, t = np.meshgrid(*[np.linspace(-largest, largest, TABLE_SIDE)] * 2)
+        extent = np.array([largest, (TABLE_SIDE - 1) / (2 * largest)], np.float32)
+        R = self.T_sphere_camera.rotation.T
+        table = np.stack(self.look(np.stack([2 * s, 2 * t, 1 - (s * s + t * t)], axis=-1)), axis=-1)
+        return R.astype(np.float32), (R @ self.T_sphere_camera.translation).astype(np.float32), extent, table
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +76,7 @@ class StitchedView:
     block: Block
     table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
     is_owned: Bytes  # (h, w), 255 where the sphere shows this camera
-    by_range: Floats  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
+    lens: Lens  # of `warp_by_range`: beyond what the camera sees the nearest that it does
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +106,11 @@ class Layout:
 
 def masks_of(rig: Rig) -> dict[str, Bytes]:
     """Read the masks of a rig's cameras; ValueError for a file that is no image."""
-    found = {}
-    for part in rig.cameras:
-        if part.mask is not None:
-            image = read_image_file(part.mask, cv2.IMREAD_GRAYSCALE, f"mask of {part.name}")
-            found[part.name] = image.astype(np.uint8)
-    return found
+    files = {part.name: part.mask for part in rig.cameras if part.mask is not None}
+    return {
+        name: read_image_file(file, cv2.IMREAD_GRAYSCALE, f"mask of {name}").astype(np.uint8)
+        for name, file in files.items()
+    }
 
 
 def border_of(part: RigCamera, mask: Bytes | None) -> Floats:
@@ -111,20 +134,19 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
     kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
     best = np.zeros((whole.height, whole.width), np.float32)
     owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
-    seen = []
     for number, (rig_view, block) in enumerate(kept):
-        u, v, border = rig_view.project(block_rays(whole, block) * far_m)
+        border = rig_view.project(block_rays(whole, block) * far_m)[2]
         rows = slice(block.row, block.row + block.height)
-        columns = np.arange(block.column, block.column + min(block.width, whole.width)) % whole.width
-        border_once = border[:, : columns.size]
-        is_better = border_once > best[rows, columns]
-        best[rows, columns] = np.where(is_better, border_once, best[rows, columns])
+        columns = np.arange(block.column, block.column + block.width) % whole.width
+        is_better = border > best[rows, columns]
+        best[rows, columns] = np.where(is_better, border, best[rows, columns])
         owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
-        seen.append((u, v, border))
-    views = []
-    for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
-        is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
-        views.append(StitchedView(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
+    views, inverse = [], np.full(best.shape, 1.0 / far_m, np.float32)
+    for number, (rig_view, block) in enumerate(kept):
+        is_owned = np.ascontiguousarray(block.cut((owner == number).astype(np.uint8) * np.uint8(255)))
+        lens = continued_lens(rig_view.lens)
+        table = cv2.convertMaps(*warp(lens, inverse, block), cv2.CV_16SC2)
+        views.append(StitchedView(rig_view, block, table, is_owned, lens))
     strips = strips_of(owner, len(kept), num_bands)
     tiles = (
         tiles_of(number, view.block, view.is_owned, strips, align, whole.width) for number, view in enumerate(views)
@@ -146,15 +168,13 @@ def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, ali
     span = is_wanted.shape[1] - int(gaps[widest]) + 1
     left = (first * step - margin - step) // align * align
     right = -(-((first + span) * step + margin + step) // align) * align
-    width = min(right - left, whole.width + -(-2 * margin // align) * align)
-    return Block(int(top), int(left % whole.width), int(bottom - top), int(width))
+    return Block(int(top), int(left % whole.width), int(bottom - top), int(min(right - left, whole.width)))
 
 
 def block_rays(whole: Spherical, block: Block, step: int = 1) -> Array:
-    """Return unit rays of every step-th pixel of a block, one more at the end where step is above 1."""
-    extra = 1 if step > 1 else 0
-    v = block.row + step * np.arange(-(-block.height // step) + extra)
-    u = block.column + step * np.arange(-(-block.width // step) + extra)
+    """Return unit rays of every step-th pixel of a block."""
+    v = block.row + step * np.arange(-(-block.height // step))
+    u = block.column + step * np.arange(-(-block.width // step))
     return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
 
 
@@ -166,42 +186,23 @@ def axes_of(shape: tuple[int, ...]) -> tuple[Array, Array]:
     return np.stack([np.sin(azimuth), np.cos(azimuth)]), np.stack([np.sin(elevation), np.cos(elevation)])
 
 
+def warp(lens: Lens, inverse_range: Floats, block: Block) -> tuple[Floats, Floats]:
+    """Return pixels u, v (h, w) of a camera for a block of a sphere whose inverse range (H, W) is known everywhere."""
+    u, v = (np.empty((block.height, block.width), np.float32) for _ in range(2))
+    azimuths, elevations = (axis.astype(np.float32) for axis in axes_of(inverse_range.shape))
+    warp_by_range(inverse_range, (azimuths, elevations), block.row, block.column, lens, u, v)
+    return u, v
+
+
+def continued_lens(lens: Lens) -> Lens:
+    """Return a lens whose table (S S, 2) has, where the camera sees nothing, what it sees next to it."""
+    R, b, extent, table = lens
+    *pixels, border = np.moveaxis(table, -1, 0)
+    return R, b, extent, np.stack([continued(plane, border > 0).ravel() for plane in pixels], axis=-1)
+
+
 def _owners(rig_views: Sequence[RigView], whole: Spherical, far_m: float, step: int) -> NDArray[np.int8]:
-    block = Block(0, 0, whole.height, whole.width)
-    rays = block_rays(whole, block, step)[: whole.height // step, : whole.width // step] * far_m
+    rays = block_rays(whole, Block(0, 0, whole.height, whole.width), step) * far_m
     borders = np.stack([rig_view.project(rays)[2] for rig_view in rig_views])
     owner = np.argmax(borders, axis=0).astype(np.int8)
     return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
-
-
-def _table(u: Floats, v: Floats, border: Floats) -> tuple[NDArray, NDArray]:
-    """Return fixed-point maps; what the camera does not see continues what it sees next to it."""
-    seen = border > 0
-    if seen.any() and not seen.all():
-        _, label = cv2.distanceTransformWithLabels(
-            (~seen).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        place = np.zeros(int(label.max()) + 1, dtype=np.intp)
-        place[label[seen]] = np.flatnonzero(seen)
-        u, v = u.ravel()[place[label]], v.ravel()[place[label]]
-    return cv2.convertMaps(u, v, cv2.CV_16SC2)
-
-
-def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Floats:
-    """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
-    rays = block_rays(whole, block, GRID_STEP)
-    seen = [rig_view.project(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
-    grid = np.stack([np.stack(part[:2], axis=-1) for part in seen], axis=2)
-    is_seen = np.stack([part[2] > 0 for part in seen], axis=2)
-    last = len(seen) - 1
-    for k, before in [(k, k - 1) for k in range(1, last + 1)] + [(k, k + 1) for k in range(last - 1, -1, -1)]:
-        lacks = ~is_seen[:, :, k] & is_seen[:, :, before]
-        grid[:, :, k][lacks], is_seen[:, :, k][lacks] = grid[:, :, before][lacks], True
-    return np.ascontiguousarray(grid)
-
-
-def _cut_once(plane: Bytes, block: Block) -> Bytes:
-    """Return the block's part, 0 where its columns come a second time."""
-    part = np.ascontiguousarray(block.cut(plane))
-    part[:, plane.shape[1] :] = 0
-    return part

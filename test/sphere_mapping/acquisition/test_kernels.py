@@ -1,24 +1,27 @@
 """Kernels against the same in NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import correct_baseline
 from sphere_mapping.acquisition.range.fusion import fuse_sources
-from sphere_nav.geometry import Spherical
+from sphere_mapping.acquisition.stitching.layouts import Layouts
+from sphere_mapping.acquisition.stitching.strips import Block
+from sphere_mapping.acquisition.stitching.views import block_rays, continued_lens, warp
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.params import build
+from worlds.rig import OPTICAL
 
-
-def test_smoothing_keeps_slopes_and_edges():
-    rows, columns = np.mgrid[0:30, 0:40].astype(np.float32)
-    plane = np.float32(10) + np.float32(0.1) * rows + np.where(columns < 20, 0, 9).astype(np.float32)
-    noisy = plane + np.random.default_rng(1).normal(0, 0.2, plane.shape).astype(np.float32)
-    noisy[5, 5] = np.nan
-    out = kernels.smooth(noisy, 3, np.float32(1.0), np.float32(0.03))
-    assert np.isnan(out[5, 5])
-    assert np.isnan(out).sum() == 1
-    inner = (slice(3, -3), slice(3, -3))
-    assert np.nanstd((out - plane)[inner]) < 0.06  # 49 values, some of them too far off to be averaged
+LENSES = (
+    Fisheye(160, 160, 48.0, 50.0, 79.5, 77.5, (-0.02, 0.002, 0.0, 0.0)),
+    DoubleSphere(160, 120, 60.0, 60.0, 79.5, 59.5, -0.2, 0.6),
+    Pinhole(160, 120, 90.0, 90.0, 79.5, 59.5, (-0.1, 0.01, 0.002, -0.003)),
+)
+PARAMS = build(StitchParams, {"width": 128})
 
 
 def test_fused_range_is_the_weighted_mean_unless_denied():
@@ -35,23 +38,20 @@ def test_fused_range_is_the_weighted_mean_unless_denied():
     assert np.isnan(fuse((np.nan, np.nan), (np.nan, np.nan))[0])
 
 
-def test_pixels_by_range_are_linear_between_the_tables_entries():
-    rng = np.random.default_rng(4)
-    levels = np.array([0.0, 0.5, 1.0], np.float32)
-    base = rng.normal(size=(3, 2)).astype(np.float32)  # (K, 2): what grows with the inverse range only
-    gy, gx = np.mgrid[0:4, 0:5].astype(np.float32) * 8
-    grid = np.stack([np.stack([gx + base[k, 0], gy + base[k, 1]], axis=-1) for k in range(3)], axis=2)
-    grid = np.ascontiguousarray(grid, dtype=np.float32)
-    inverse = rng.uniform(0, 1, (30, 40)).astype(np.float32)
-    u, v = (np.empty((24, 32), np.float32) for _ in range(2))
-    kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, 0, 0, u, v)
-    rows, columns = np.mgrid[0:24, 0:32]
-    w = inverse[3 + rows, (20 + columns) % 40]
-    np.testing.assert_allclose(u, columns + np.interp(w, levels, base[:, 0]), atol=1e-4)
-    np.testing.assert_allclose(v, rows + np.interp(w, levels, base[:, 1]), atol=1e-4)
-    part = [np.empty((8, 16), np.float32) for _ in range(2)]
-    kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, 16, 8, *part)
-    np.testing.assert_array_equal(part, [u[16:, 8:24], v[16:, 8:24]])
+@pytest.mark.parametrize("lens", LENSES)
+def test_pixels_by_range_are_where_the_camera_sees_these_points_whatever_its_model(lens):
+    view = Layouts(Rig((RigCamera("a", lens, SE3.from_parts(OPTICAL, [0.1, 0.3, -0.2])),)), PARAMS, {}).views["a"]
+    view = replace(view, T_sphere_camera=SE3.from_parts(OPTICAL, [0.1, 0.3, -0.2]))
+    inverse = np.random.default_rng(4).uniform(0, 1, (64, 128)).astype(np.float32)
+    block = Block(3, 30, 50, 110)  # round the back
+    found = np.stack(warp(continued_lens(view.lens), inverse, block))
+    rays = block_rays(Spherical(128, 64), block)
+    *expected, border = view.project(rays / np.maximum(block.cut(inverse), 1e-6)[..., None])
+    seen = border > 0.1
+    assert seen.mean() > 0.05
+    np.testing.assert_allclose(found[:, seen], np.stack(expected)[:, seen], atol=0.02)
+    bounds = np.array([lens.width, lens.height])[:, None, None] + 40.0
+    assert (np.abs(found) < bounds).all()  # what is not seen is next to what is
 
 
 def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
@@ -69,18 +69,6 @@ def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
     np.testing.assert_array_equal(sampled[edge], nearest)
 
 
-def test_splatting_keeps_the_nearest_and_wraps_only_on_request():
-    u, v = np.float32([1.3, 1.4, 3.5, np.nan]), np.float32([1.0, 1.2, 0.0, 1.0])
-    range_m = np.float32([5.0, 2.0, 3.0, 1.0])
-    for wraps in (False, True):
-        image = np.full((3, 4), np.inf, dtype=np.float32)
-        kernels.splat_with_std(u, v, range_m, 0.1 * range_m, 2, wraps, image, std := np.full_like(image, np.nan))
-        np.testing.assert_allclose(std[np.isfinite(image)], 0.1 * image[np.isfinite(image)])
-        np.testing.assert_array_equal(image[1:3, 1:3], 2.0)
-        assert image[0, 3] == 3.0
-        assert image[0, 0] == (3.0 if wraps else np.inf)
-
-
 def some_unknown(shape, seed, low, high, share=0.1):
     rng = np.random.default_rng(seed)
     plane = rng.uniform(low, high, shape).astype(np.float32)
@@ -89,7 +77,7 @@ def some_unknown(shape, seed, low, high, share=0.1):
 
 
 def test_a_step_of_alignment_is_that_of_least_squares():
-    """The mean of what the slopes say and what the match says, each by its information (step_row's formulas)."""
+    """The mean of what the slopes say and what the match says, each by its information (step_blocks' formulas)."""
     rng = np.random.default_rng(7)
     s, e = rng.normal(0, 80, (2, 30, 49)).round()
     sums = np.stack([np.full_like(s, 1), s, e, s * s, s * e, e * e]).sum(axis=2).astype(np.int32)
@@ -98,7 +86,7 @@ def test_a_step_of_alignment_is_that_of_least_squares():
     limit, _, noise, prior = limits
     start, before = (rng.normal(5, 0.5, 30).astype(np.float32) for _ in range(2))
     disparity, information, left = before.copy(), np.empty(30, np.float32), np.empty(30, np.float32)
-    kernels.step_row(sums, limits, start, disparity, information, left)
+    kernels.step_blocks(sums, limits, start, disparity, information, left)
     slopes, errors = s / 16, e / 16
     variance = slopes.var(axis=1)
     covariance = ((slopes - slopes.mean(axis=1, keepdims=True)) * errors).mean(axis=1)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
-from sphere_nav.geometry import SE3, Pinhole
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, draw_nearest
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from worlds.box_and_wall import depth_of_box_and_wall
 
 DEPTH = Pinhole(320, 240, 290.0, 290.0, 160.0, 120.0)
@@ -35,3 +35,15 @@ def test_the_nearer_surface_wins():
     near = np.flatnonzero(np.abs(found[120] - 1.0) < 0.01)
     assert near.min() == pytest.approx(140 + 0.3 * 290, abs=1)
     assert near.max() == pytest.approx(179 + 0.3 * 290, abs=1)
+
+
+def test_the_nearest_of_points_hides_the_others_and_goes_round_the_back_of_a_sphere_only():
+    whole, pinhole = Spherical(8, 4), Pinhole(8, 4, 4.0, 4.0, 3.5, 1.5)
+    for camera, is_whole in ((whole, True), (pinhole, False)):
+        pixels = np.array([[1.3, 1.0], [1.4, 1.2], [7.4, 0.0]])
+        points = camera.unproject(pixels) * np.array([[5.0], [2.0], [3.0]])
+        found = draw_nearest(np.vstack([points, [[np.nan] * 3]]), camera, 2)
+        np.testing.assert_allclose(found[1:3, 1:3], 2.0, rtol=1e-6)
+        np.testing.assert_allclose(found[:2, 7], 3.0, rtol=1e-6)
+        np.testing.assert_allclose(found[0, 0], 3.0 if is_whole else np.inf, rtol=1e-6)
+        assert np.count_nonzero(np.isfinite(found)) == (8 if is_whole else 6)

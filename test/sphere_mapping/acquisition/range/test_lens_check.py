@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.lens_check import LensEvidence, check_info, check_lenses
+from sphere_mapping.acquisition.range.lens_check import check_info, check_lenses, why_other_lens
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from worlds.rig import OPTICAL
@@ -87,4 +87,4 @@ def test_calibrations_that_bend_rays_alike_are_one_lens():
 
 def test_a_lens_is_another_one_where_two_fifths_fit_it_and_clearly_fewer_the_rig_file():
     for given, other, is_told in [(0.3, 0.45, True), (0.35, 0.45, False), (0.2, 0.38, False)]:
-        assert bool(LensEvidence(60, given, other, "fisheye").reason) == is_told
+        assert bool(why_other_lens(60, given, other, "fisheye")) == is_told

@@ -10,7 +10,6 @@ from sphere_mapping.acquisition.range.kernels import NUM_HYPOTHESES
 from sphere_mapping.acquisition.range.sweep_tables import (
     hypotheses_of,
     hypothesis_table,
-    lens_tables,
     level_of,
     shared_view,
     sharpness,
@@ -36,20 +35,6 @@ def views():
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.3, 0.0, -0.3)]
     rig = Rig(tuple(RigCamera(name, lens, T) for name, lens, T in zip("abc", LENSES, poses, strict=True)))
     return list(Layouts(rig, build(StitchParams, {"width": 256}), {}).views.values())
-
-
-def test_the_table_of_a_lens_is_the_lens_whatever_its_model(views):
-    extents, tables = lens_tables(views)
-    for lens, (largest, per_tangent), table in zip(LENSES, extents, tables, strict=True):
-        pixels = np.random.default_rng(1).uniform(2, (lens.width - 3, lens.height - 3), (500, 2))
-        rays = lens.unproject(pixels)
-        at = (rays[:, :2] / (1 + rays[:, 2:]) + largest) * per_tangent
-        side = round(np.sqrt(len(table)))
-        corner, share = np.floor(at).astype(int), at - np.floor(at)
-        around = [table[(corner[:, 1] + dy) * side + corner[:, 0] + dx] for dy in (0, 1) for dx in (0, 1)]
-        x, y = share[:, :1], share[:, 1:]
-        found = (1 - y) * ((1 - x) * around[0] + x * around[1]) + y * ((1 - x) * around[2] + x * around[3])
-        np.testing.assert_allclose(found, pixels, atol=0.02)
 
 
 def test_hypotheses_reach_the_nearest_range_by_steps_of_about_a_pixel(views):
