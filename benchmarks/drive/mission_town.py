@@ -100,7 +100,7 @@ class Town:
         self.tree = cKDTree(features(*self.points.T))
 
     def _spot(self, place: str) -> Pose2:
-        return self.network.nodes[self.network.places[place]].pose
+        return self.network.nodes[self.network.places[place]]
 
     # --- a mission
     def drive(self) -> Driven:

@@ -29,7 +29,7 @@ def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -
     from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
 
     named = routes.name_place(network_path(made), network_of(made, taught), name, x, y, None)
-    return [Place(name, *named.nodes[node].pose[:2]) for name, node in named.places.items()]
+    return [Place(name, *named.nodes[node][:2]) for name, node in named.places.items()]
 
 
 def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float, float], folder: Path) -> Path:
