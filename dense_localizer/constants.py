@@ -71,13 +71,13 @@ MIN_GRADIENT_AGREEMENT, GOOD_AGREEMENT_LEAD = 0.2, 0.05
 MAX_INNOVATION, GOOD_INNOVATION = 8.0, 5.6  # standard deviations from the prediction; 7e-12, 2e-5 by chance
 GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
 MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
-MAX_LIGHT_BIAS, MAX_OCCLUSION_BIAS, GOOD_BIAS = 1.0, 5.0, 0.5  # of the largest deviation; of 5 a fifth at most was left
+MAX_BIAS, GOOD_BIAS = 5.0, 0.5  # of the largest deviation, by an occlusion: a fifth of it at most was left
 NOTABLE_GAIN, NOTABLE_OFFSET = 2.0, 50.0  # of the light, either way; grey levels: the likely cause of outliers
 NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region: the same
 
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
 INTEGRITY_PERIOD = 10
-FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PERIOD
+FIT_PHASE, OCCLUSION_PHASE = 0, 3  # which image of INTEGRITY_PERIOD
 MAP_PHASE = 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
 CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp shifts neighbours alike

@@ -23,9 +23,8 @@ from dense_localizer.constants import (
     GOOD_RANGE_OVERLAP,
     GOOD_SIGMA,
     MAX_ATTITUDE_SIGMA_RAD,
+    MAX_BIAS,
     MAX_INNOVATION,
-    MAX_LIGHT_BIAS,
-    MAX_OCCLUSION_BIAS,
     MIN_GRADIENT_AGREEMENT,
     MIN_OVERLAP,
     NOTABLE_DISTANCE,
@@ -39,9 +38,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import Structure
-from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
+from sphere_nav.photometric.constants import OCCLUSION_SHARE
 from sphere_nav.spheres.constants import MIN_RANGE_AGREEMENT, MIN_RANGE_OVERLAP
 from sphere_nav.spheres.range_alignment import RangeFit
 
@@ -177,28 +175,17 @@ def _check_structure(structure: Structure, params: AcceptanceParams, lead: float
 
 
 def _check_bias(structure: Structure, params: AcceptanceParams) -> list[Check]:
-    """Return the checks of whether uneven light or an occlusion biases the pose by more than it may be uncertain.
+    """Return the checks of whether an occlusion biased the pose by more than it may be uncertain.
 
-    The bias of an occlusion is removed; only one of which too much may remain is refused.
+    The bias is removed; only one of which too much may remain is refused.
     """
-    checks = []
-    if structure.illumination.share >= GRADIENT_SHARE:
-        checks += _check_distance(
-            structure.illumination, Reason.LIGHT_CHANGE, MAX_LIGHT_BIAS, "uneven light pulls the pose", params
-        )
-    if structure.occlusion.share >= OCCLUSION_SHARE:
-        detail = f"a part of the view that is hidden pulled the pose, {structure.occlusion.share:.0%} of the texture"
-        checks += _check_distance(structure.occlusion, Reason.OUTLIERS, MAX_OCCLUSION_BIAS, detail, params)
-    return checks
-
-
-def _check_distance(
-    bias: PoseBias, reason: Reason, factor: float, detail: str, params: AcceptanceParams
-) -> list[Check]:
-    """Return the checks of a bias; refused from `factor` times the largest uncertainty on."""
+    bias = structure.occlusion
+    if bias.share < OCCLUSION_SHARE:
+        return []
     meters, radians = bias.lengths
+    detail = f"by which a part of the view that is hidden pulled the pose, {bias.share:.0%} of the texture"
     return [
-        Check(reason, value, factor * limit, GOOD_BIAS * limit, f"{unit} by which {detail}")
+        Check(Reason.OUTLIERS, value, MAX_BIAS * limit, GOOD_BIAS * limit, f"{unit} {detail}")
         for value, limit, unit in ((meters, params.max_sigma_m, "m"), (radians, MAX_ATTITUDE_SIGMA_RAD, "rad"))
     ]
 

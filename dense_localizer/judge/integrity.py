@@ -18,7 +18,6 @@ from dense_localizer.constants import (
     FIT_PHASE,
     FULL_CHECK_NCC,
     INTEGRITY_PERIOD,
-    LIGHT_PHASE,
     MAP_PHASE,
     MIN_VISIBLE_SHARE,
     OCCLUSION_PHASE,
@@ -48,11 +47,11 @@ from sphere_nav.photometric.checks.structure import (
     find_rig_structure,
 )
 from sphere_nav.photometric.checks.support import Support
-from sphere_nav.photometric.constants import GRADIENT_SHARE, MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
+from sphere_nav.photometric.constants import MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
 from sphere_nav.photometric.parts.registration import register_parts
 
 # All checks of one image take as long as to align it: no two in the same one.
-CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION, LIGHT_PHASE: Aspect.ILLUMINATION}
+CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION}
 
 
 class Integrity:
@@ -183,11 +182,8 @@ def hold_to(expected: Expectation, structure: Structure, alignment: Alignment) -
     if support.is_proven:
         there, covariance = expected.fuse(pose @ SE3.exp(support.xi), support.covariance)
         support = replace(support, xi=(pose.inverse() @ there).log(), covariance=covariance)
-    light, occlusion = (
-        replace(bias, xi=expected.resist(bias.xi, pose, alignment.covariance))
-        for bias in (structure.illumination, structure.occlusion)
-    )
-    return replace(structure, illumination=light, occlusion=occlusion, support=support)
+    occlusion = replace(structure.occlusion, xi=expected.resist(structure.occlusion.xi, pose, alignment.covariance))
+    return replace(structure, occlusion=occlusion, support=support)
 
 
 def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray[np.float64], bool]:
@@ -195,11 +191,11 @@ def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray
 
     What has changed may pull the next image, too.
     """
-    biases = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
-    biases += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
     if structure.support.is_proven:
         alignment = take_support(alignment, structure.support)
-    return *remove_bias(alignment, biases), bool(biases) or structure.support.num_cells > 0
+    is_occluded = structure.occlusion.share >= OCCLUSION_SHARE
+    mended, remaining = remove_bias(alignment, structure.occlusion) if is_occluded else (alignment, np.zeros((6, 6)))
+    return mended, remaining, is_occluded or structure.support.num_cells > 0
 
 
 def take_support(alignment: Alignment, support: Support) -> Alignment:
@@ -208,13 +204,10 @@ def take_support(alignment: Alignment, support: Support) -> Alignment:
     return replace(alignment, T_world_camera=pose, covariance=support.covariance)
 
 
-def remove_bias(alignment: Alignment, biases: Sequence[PoseBias]) -> tuple[Alignment, NDArray[np.float64]]:
-    """Return the alignment less its biases, one after the other, and the covariance (6, 6) of what may remain."""
-    pose, remaining = alignment.T_world_camera, np.zeros((6, 6))
-    for bias in biases:
-        pose = pose @ SE3.exp(bias.xi)
-        remaining = remaining + np.diag(np.repeat(REMAINING_BIAS * np.array(bias.lengths), 3) ** 2)
-    return replace(alignment, T_world_camera=pose), remaining
+def remove_bias(alignment: Alignment, bias: PoseBias) -> tuple[Alignment, NDArray[np.float64]]:
+    """Return the alignment less a bias, and the covariance (6, 6) of what may remain of it."""
+    remaining = np.diag(np.repeat(REMAINING_BIAS * np.array(bias.lengths), 3) ** 2)
+    return replace(alignment, T_world_camera=alignment.T_world_camera @ SE3.exp(bias.xi)), remaining
 
 
 def _make_sample(frame: LocalizerInput, candidate: PoseCandidate) -> OdometrySample | None:

@@ -27,12 +27,7 @@ EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
 # Checks of the residuals: a few thousand pixels, all references together, and fewest of a view
 NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
 NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_bias), a third changes little
-BIAS_STEPS = 6  # at most, to a pose without a bias; test_illumination, test_occlusion
-
-# Illumination gradient
-GRADIENT_ORDER = 2  # half periods of the gain across the image, both axes together; test_illumination
-GRADIENT_SHARE = 0.2  # of the squared residuals that it explains; noise explains 0.03 at most; test_illumination
-LAST_GRADIENT_STEP = 0.1  # share of the bias, below which a step is the last; test_illumination
+BIAS_STEPS = 6  # at most, to a pose without a bias; test_occlusion
 
 # Local contrast (pixels/test_contrast, docs/notes/contrast.md)
 CONTRAST_ANGLE, CONTRAST_PIXELS = 0.04, 8.0  # rad: standard deviation of the window; px of a sphere, at least

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,8 +15,6 @@ from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import CameraSamples
 
-Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
-FIELDS = ("current", "residual", "at")  # of a sample
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 
 
@@ -37,23 +34,20 @@ class PoseBias:
 NO_BIAS = PoseBias()
 
 
-def linearize_samples(cameras: CameraSamples, orders: Orders) -> LeastSquares | None:
-    """Return the derivative (N, 6 + views * (2 + orders)) of the residuals (N,), and the view (N,) of each.
+def linearize_samples(cameras: CameraSamples) -> LeastSquares | None:
+    """Return the derivative (N, 6 + 2 * views) of the residuals (N,), and the view (N,) of each.
 
-    Columns of a view: gain, bias, and how the gain varies over the image.
+    Columns of a view: gain, bias.
     """
     if not any(len(sample) for _, sample in cameras):
         return None
     pixels = [sample for _, sample in cameras]
     by_pose = np.concatenate([sample.by_pose @ place.inverse().adjoint() for place, sample in cameras])
-    current, residual, at = (np.concatenate([getattr(one, name) for one in pixels]) for name in FIELDS)
+    current, residual = (np.concatenate([getattr(one, name) for one in pixels]) for name in ("current", "residual"))
     views = np.concatenate([MAX_VIEWS * index + one.view for index, one in enumerate(pixels)])
     names, owner = np.unique(views, return_inverse=True)
-    u, v = 0.5 * np.pi * (at.T + 1.0)
-    light = [current, np.ones_like(current), *(current * np.cos(i * u) * np.cos(j * v) for i, j in orders)]
-    J, width = np.zeros((len(owner), 6 + len(light) * len(names))), len(light)
-    J[:, :6] = by_pose
-    J[np.arange(len(owner))[:, None], 6 + width * owner[:, None] + np.arange(width)] = np.stack(light, axis=1)
+    J, rows, gain = np.zeros((len(owner), 6 + 2 * len(names))), np.arange(len(owner)), 6 + 2 * owner
+    J[:, :6], J[rows, gain], J[rows, gain + 1] = by_pose, current, 1.0
     return J, residual, owner
 
 

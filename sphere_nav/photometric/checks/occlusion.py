@@ -42,11 +42,11 @@ def find_occlusion_bias(
     The share is that of the texture, of the references or of the image, in cells that do not agree: a pale wall has
     none to lose.
     """
-    share, kept = _agreeing(cameras)
+    share, kept = keep_agreeing(cameras)
     T_bias = SE3.identity()
     for _ in range(BIAS_STEPS if share >= OCCLUSION_SHARE else 0):
         problem = (
-            linearize_samples(_by_reference(kept), ()) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
+            linearize_samples(_by_reference(kept)) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
         )
         if problem is None:
             break
@@ -55,13 +55,8 @@ def find_occlusion_bias(
         if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break
         cameras = sampler(T_world_body @ T_bias)
-        _, kept = _agreeing(cameras)
+        _, kept = keep_agreeing(cameras)
     return PoseBias(share, T_bias.log())
-
-
-def exclude_occlusion(sampler: Sampler) -> Sampler:
-    """Return the sampler of the pixels in cells that agree, no others."""
-    return lambda T_world_body: _agreeing(sampler(T_world_body))[1]
 
 
 def _by_reference(cameras: CameraSamples) -> CameraSamples:
@@ -74,7 +69,7 @@ def _number(cameras: CameraSamples) -> int:
     return sum(len(sample) for _, sample in cameras)
 
 
-def _agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
+def keep_agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
     """Return the share 0..1 of the texture in cells that do not agree, and the pixels of the others."""
     kept: list[tuple[SE3, Sample]] = []
     strength = np.zeros((2, 2))  # of references and image: all of it, what agrees

@@ -1,8 +1,8 @@
-"""What the residuals say beyond the pose: do gradients agree, do light or an occlusion explain them?
+"""What the residuals say beyond the pose: do gradients agree, does an occlusion explain them?
 
 Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. Where they agree
-little, each part of the view is asked for itself: `support.py`; light: `illumination.py`; what stands before the
-camera: `occlusion.py`. All use a few thousand pixels, together or one after the other in different images.
+little, each part of the view is asked for itself: `support.py`; what stands before the camera: `occlusion.py`. Both
+use a few thousand pixels, together or one after the other in different images.
 """
 
 from __future__ import annotations
@@ -18,40 +18,37 @@ from sphere_nav.geometry.arrays import TINY
 from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, PoseBias
-from sphere_nav.photometric.checks.illumination import find_illumination_bias
-from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
-from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, exclude_changes, find_support
-from sphere_nav.photometric.constants import MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT, SURE_NCC
+from sphere_nav.photometric.checks.occlusion import find_occlusion_bias
+from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, find_support
+from sphere_nav.photometric.constants import MIN_SAMPLES, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.votes import finest_levels, vote
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines, sample_views
 
 
 class Aspect(Flag):
-    """What may be checked of residuals: gradients, an occlusion, an illumination gradient, how likely the place is."""
+    """What may be checked of residuals: gradients, an occlusion, how likely the place is."""
 
     FIT = auto()
     OCCLUSION = auto()
-    ILLUMINATION = auto()
     PLACE = auto()
 
 
 NOTHING = Aspect(0)
-EVERYTHING = Aspect.FIT | Aspect.OCCLUSION | Aspect.ILLUMINATION
+EVERYTHING = Aspect.FIT | Aspect.OCCLUSION
 
 
 @dataclass(frozen=True)
 class Structure:
     """What the residuals of an alignment look like; what was not checked is as if nothing were wrong.
 
-    agreement is the mean cosine -1...1 between the gradients of image and references. illumination and occlusion are
-    the biases of the pose by a gradient of the light over the view, and by what hides a part of it. support is what the
-    parts of the view say where the mean agreement is low; where it is proven, the pose without the other parts is in
-    it, and no occlusion is looked for. chance is how probably as many parts agree in a wrong place.
+    agreement is the mean cosine -1...1 between the gradients of image and references. occlusion is the bias of the pose
+    by what hides a part of the view. support is what its parts say where the mean agreement is low; where it is proven,
+    the pose without the other parts is in it, and no occlusion is looked for. chance is how probably as many parts
+    agree in a wrong place.
     """
 
     agreement: float = 1.0
-    illumination: PoseBias = NO_BIAS
     occlusion: PoseBias = NO_BIAS
     support: Support = NO_SUPPORT
     chance: float = 1.0
@@ -65,7 +62,7 @@ def find_rig_structure(
     aspects: Aspect = EVERYTHING,
     T_predicted: SE3 | None = None,
 ) -> Structure:
-    """Check an alignment of `register_rig`: the mean agreement, the biases.
+    """Check an alignment of `register_rig`: the mean agreement, what biases the pose.
 
     Of too few pixels it says nothing. A pose that was predicted is one more that parts of the view may support.
     """
@@ -84,17 +81,9 @@ def find_rig_structure(
         found = replace(found, support=support, chance=support.chance)
     elif Aspect.PLACE in aspects:
         found = replace(found, chance=vote(finest_levels(images, params), cameras).chance)
-    if found.support.is_proven:
-        sampler, pose = exclude_changes(images, sampler, params), pose @ SE3.exp(found.support.xi)
-        cameras = sampler(pose) if Aspect.ILLUMINATION in aspects else cameras
-    elif Aspect.OCCLUSION in aspects:
-        found = replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
-    if Aspect.ILLUMINATION not in aspects:
+    if found.support.is_proven or Aspect.OCCLUSION not in aspects:
         return found
-    if found.occlusion.share >= OCCLUSION_SHARE:  # of the light, the pixels without occlusion tell more
-        sampler, pose = exclude_occlusion(sampler), pose @ SE3.exp(found.occlusion.xi)
-        cameras = sampler(pose)
-    return replace(found, illumination=find_illumination_bias(sampler, cameras, pose, params))
+    return replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
 
 
 def sample_images(

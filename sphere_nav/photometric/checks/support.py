@@ -98,7 +98,7 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
     """Return the support of the pose that the agreeing cells find; pixels are sampled anew after each step."""
     T_step, votes, covariance = SE3.identity(), vote(levels, sampler(T_world_body)), NO_SUPPORT.covariance
     for _ in range(BIAS_STEPS):
-        problem = linearize_samples(votes.kept, ()) if votes.chance <= MAX_CHANCE else None
+        problem = linearize_samples(votes.kept) if votes.chance <= MAX_CHANCE else None
         if problem is None:
             break
         step, remaining, weight = solve_robustly(*problem, params)
@@ -112,9 +112,3 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
     if votes.chance <= MAX_CHANCE:  # few cells hold a pose no better than they are matched, however alike they pull
         covariance = covariance + motion_covariance(votes.shifts)
     return Support(votes.num_cells, votes.num_agreeing, votes.chance, T_step.log(), covariance)
-
-
-def exclude_changes(images: Sequence[RigImage], sampler: Sampler, params: RegistrationParams) -> Sampler:
-    """Return the sampler of the pixels in cells that agree, no others."""
-    levels = finest_levels(images, params)
-    return lambda T_world_body: vote(levels, sampler(T_world_body)).kept

@@ -60,7 +60,7 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
         assert candidate.is_biased  # what has changed may pull
     found = []
     for share in (0.0, 1.0):
-        structure = Structure(illumination=PoseBias(share, 0.04 * np.eye(6)[0]))
+        structure = Structure(occlusion=PoseBias(share, 0.04 * np.eye(6)[0]))
         monkeypatch.setattr("dense_localizer.judge.integrity.find_rig_structure", lambda *given, it=structure: it)
         found.append(np.diag(Integrity(references, params).assess(chosen, aligned, guess).covariance))
     np.testing.assert_allclose(found[1] - found[0], [0.008**2] * 3 + [0.0] * 3, atol=1e-6)  # a fifth may remain
