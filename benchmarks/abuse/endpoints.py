@@ -38,7 +38,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.safety.fault_busy import front_of
 from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
-from sphere_nav_tools.cli.processes import Processes, node_command
+from sphere_nav_tools.cli.processes import NODE, Processes, python_command
 
 COUNTS = {"quick": 300, "full": 20_000}
 START = 120.0  # s until a node answers after it was started, on a busy machine
@@ -76,7 +76,8 @@ class Victim:
         self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
         self.has_loop = issubclass(node, FrontNode)
         self._nodes = Processes(folder)
-        self._process = self._nodes.begin(self.name, node_command(self.name, "--ros-args", *words))
+        command = python_command(NODE.format(module=node.__module__), "--ros-args", *words)
+        self._process = self._nodes.begin(self.name, command)
 
     @property
     def death(self) -> str:
