@@ -164,16 +164,18 @@ OTHER_LENS = (0.4, 1.4)  # share of matches that fit another lens, and by those 
 OTHER_CAMERAS = (100, 0.3)  # matches of which no larger share fits the rig file: the images are of other cameras
 OTHER_DISTORTIONS = {"pinhole": (-0.3, -0.15, 0.0, 0.1), "fisheye": (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)}  # first ones
 
-# A rig corrected by its images, M15 section 4.3.1 (range/test_rectification)
+# A rig corrected by its images, M15 section 4.3.1 (range/test_rectification, range/test_rig_adjustment)
 POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
 RECTIFY_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed: at first half may be wrong matches
 RECTIFY_SIFT = {"nfeatures": 5000, "contrastThreshold": 0.015}  # of a camera
 MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
 FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
+CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
 MIN_PAIR_MATCHES = 15  # below which a pair of cameras says nothing
 TURN_STD = np.radians(0.3)  # of a camera's turn about each axis: what a mount gives way
 LENS_STD = (0.003, 0.005, 0.005)  # of the logarithm of the focal length, of the principal point by the focal length
 NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
+RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
 
 # Rectified pairs (stereo/test_stereo, stereo/test_stereo_pair)
 BELOW_ZERO_PX, MIN_DISPARITY_PX = 1.0, 1.0  # searched below 0, for what rectification leaves; trusted from there on

@@ -126,8 +126,8 @@ def cost_ratios(top, low, high, disparity, first, radius, ratio):
 
 
 @njit(**OPTIONS)
-def compare_along_columns(top, bottom, disparity, terms):
-    """Write what one step of alignment needs to terms (6, H, W) i32: 1, s, e, s^2, s e, e^2; 0 where unknown.
+def compare_row(top, bottom, disparity, v, terms):
+    """Write what one step of alignment needs to terms (6, W) i32: 1, s, e, s^2, s e, e^2 of row v; 0 where unknown.
 
     top, bottom (H, W) u8; disparity (H, W) f32. e = bottom(v - d) - top(v), s = mean slope of both along the column,
     bottom interpolated by cubic convolution; both in sixteenths of a grey level, so that sums are exact.
@@ -140,41 +140,54 @@ def compare_along_columns(top, bottom, disparity, terms):
         np.float32(2.0),
         np.float32(3.0),
     )
-    terms[:, 0], terms[:, height - 1] = 0, 0
-    last, stride, lower = np.float32(height - 2), np.int32(width), bottom.ravel()
-    for v in range(1, height - 1):
-        row, above, middle, below, d, found = np.float32(v), top[v - 1], top[v], top[v + 1], disparity[v], terms[:, v]
-        for u in range(width):
-            y = row - d[u]
-            is_inside = (y >= one) & (y < last)  # not so where d is NaN
-            y = y if is_inside else one
-            y0 = np.int32(y)
-            f = y - np.float32(y0)
-            at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
-            p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
-            p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
-            k1 = half * (p2 - p0)
-            k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
-            k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
-            value = p1 + f * (k1 + f * (k2 + f * k3))
-            slope = k1 + f * (two * k2 + f * three * k3)
-            across = half * (np.float32(below[u]) - np.float32(above[u]))
-            n = np.int32(1) if is_inside else np.int32(0)
-            s = np.int32(np.floor(half * (slope + across) * scale + half)) * n
-            e = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n
-            found[0, u] = n
-            found[1, u] = s
-            found[2, u] = e
-            found[3, u] = s * s
-            found[4, u] = s * e
-            found[5, u] = e * e
+    if v < 1 or v >= height - 1:
+        terms[:] = 0
+        return
+    row, last, stride = np.float32(v), np.float32(height - 2), np.int32(width)
+    above, middle, below, lower, d = top[v - 1], top[v], top[v + 1], bottom.ravel(), disparity[v]
+    for u in range(width):
+        y = row - d[u]
+        is_inside = (y >= one) & (y < last)  # not so where d is NaN
+        y = y if is_inside else one
+        y0 = np.int32(y)
+        f = y - np.float32(y0)
+        at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
+        p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
+        p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+        k1 = half * (p2 - p0)
+        k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
+        k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
+        value = p1 + f * (k1 + f * (k2 + f * k3))
+        slope = k1 + f * (two * k2 + f * three * k3)
+        across = half * (np.float32(below[u]) - np.float32(above[u]))
+        n = np.int32(1) if is_inside else np.int32(0)
+        s = np.int32(np.floor(half * (slope + across) * scale + half)) * n
+        e = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n
+        terms[0, u] = n
+        terms[1, u] = s
+        terms[2, u] = e
+        terms[3, u] = s * s
+        terms[4, u] = s * e
+        terms[5, u] = e * e
 
 
 @njit(**OPTIONS)
-def step_blocks(sums, limits, start, disparity, information, left):
-    """Move disparity (N,) f32 to where its block beside a constant, and its match, make it most probable.
+def add_along(row, size, before, total):
+    """Write the sums of `size` neighbours of row (W,) i32 to total (W - size + 1,), by sums before (W + 1,)."""
+    before[0], so_far = 0, np.int32(0)
+    for u in range(row.size):
+        so_far = np.int32(so_far + row[u])  # may go around: differences are right all the same
+        before[u + 1] = so_far
+    after = before[size:]
+    for u in range(row.size - size + 1):
+        total[u] = after[u] - before[u]
 
-    sums (6, N) i32: of the terms over the block; limits: largest step in px, least pixels of a block, variance of a
+
+@njit(**OPTIONS)
+def step_row(sums, limits, start, disparity, information, left):
+    """Move disparity (W,) f32 to where its block beside a constant, and its match, make it most probable.
+
+    sums (6, W) i32: of the terms over the block; limits: largest step in px, least pixels of a block, variance of a
     grey level, variance of a match in px^2; start: the match. information: 1 / variance of the result by the slopes and
     by what is left, not by the match; left: mean squared difference that is left, over what noise and contrast allow;
     all alike. No branches, so vectors.
@@ -199,30 +212,123 @@ def step_blocks(sums, limits, start, disparity, information, left):
         disparity[u] = d + min(max(step, -limit), limit) if is_known else d
 
 
-@njit(cache=True, nogil=True)
-def average_down(values, radius, limit, share):
-    """Return the mean over 2 radius + 1 rows of what differs from the middle by up to limit + share of it.
+@njit(**OPTIONS)
+def align_along_columns(top, bottom, start, limits, radius, disparity, information, left):
+    """Do one step of alignment of every block of (2 radius + 1)^2 px; arrays (H, W): u8 images, else f32.
 
-    values (H, W) f32; NaN stays NaN.
+    A block's pixels keep the disparity they had before the step: a row's terms are computed before any row of its
+    block moves. The outer `radius` columns stay as they are.
     """
-    height, width = values.shape
-    mean = np.empty_like(values)
+    height, width = top.shape
+    size = 2 * radius + 1
+    ring, fresh = np.zeros((size, 6, width), np.int32), np.zeros((6, width), np.int32)
+    sums, blocks = np.zeros((6, width), np.int32), np.zeros((6, width - size + 1), np.int32)
+    spare, inner = np.zeros(width + 1, np.int32), slice(radius, width - radius)
+    for v in range(height + radius):
+        oldest = ring[v % size]
+        if v < height:
+            compare_row(top, bottom, disparity, v, fresh)
+        else:
+            fresh[:] = 0
+        for k in range(6):
+            total, new, old = sums[k], fresh[k], oldest[k]
+            for u in range(width):
+                total[u] += new[u] - old[u]
+                old[u] = new[u]
+        row = v - radius
+        if row >= 0:
+            for k in range(6):
+                add_along(sums[k], size, spare, blocks[k])
+            step_row(
+                blocks, limits, start[row, inner], disparity[row, inner], information[row, inner], left[row, inner]
+            )
+
+
+@njit(cache=True, nogil=True)
+def _add_near(n, beside, middle, largest, total, number):
+    """Add and count those of n values that differ from the middle one by at most `largest`; NaN is never near."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for u in range(n):
+        is_near = abs(beside[u] - middle[u]) <= largest[u]
+        total[u] += beside[u] if is_near else zero
+        number[u] += one if is_near else zero
+
+
+@njit(cache=True, nogil=True)
+def _average_near(wide, radius, is_down, limit, share, out):
+    """Write the mean of the pixels along the columns, or the rows, that differ little from the middle; see `smooth`."""
+    height, width = wide.shape[0] - 2 * radius, wide.shape[1] - 2 * radius
     total, number, largest = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for v in range(height):
-        middle = values[v]
+    zero = np.float32(0.0)
+    for v in range(radius, radius + height):
+        middle, mean = wide[v, radius : radius + width], out[v, radius : radius + width]
         for u in range(width):
             total[u], number[u] = zero, zero
             largest[u] = limit + share * abs(middle[u])
-        for k in range(max(v - radius, 0), min(v + radius + 1, height)):
-            beside = values[k]
-            for u in range(width):
-                is_near = abs(beside[u] - middle[u]) <= largest[u]  # never where one is NaN
-                total[u] += beside[u] if is_near else zero
-                number[u] += one if is_near else zero
+        for k in range(2 * radius + 1):
+            row, first = (v + k - radius, radius) if is_down else (v, k)
+            _add_near(width, wide[row, first : first + width], middle, largest, total, number)
         for u in range(width):
-            mean[v, u] = total[u] / number[u] if number[u] > zero else np.nan
-    return mean
+            mean[u] = total[u] / number[u] if number[u] > zero else np.nan
+
+
+@njit(cache=True, nogil=True)
+def smooth(disparity, radius, limit, share):
+    """Return the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle.
+
+    disparity (H, W) f32; limit px and share of the disparity: what is little. NaN stays NaN. A block's step says
+    nothing of what changes within the block: without this, such errors would stay and grow.
+    """
+    height, width = disparity.shape
+    wide = np.full((height + 2 * radius, width + 2 * radius), np.float32(np.nan))
+    wide[radius : radius + height, radius : radius + width] = disparity
+    between = wide.copy()
+    _average_near(wide, radius, True, limit, share, between)
+    _average_near(between, radius, False, limit, share, wide)
+    return wide[radius : radius + height, radius : radius + width].copy()
+
+
+@njit(**OPTIONS)
+def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, range_std_m):
+    """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
+
+    disparity, std (H, W) f32 px; per_row: radians of a row; limits: largest relative std, nearest range, far. A point
+    at colatitude a from above and b = a - d from below is at baseline sin(b) / sin(d) = baseline (sin(a) cot(d) -
+    cos(a)). +Inf where it is surely beyond `far`, NaN where it is not known well enough.
+    """
+    max_relative, nearest, far = limits
+    height, width = disparity.shape
+    for v in range(height):
+        above = (v + first_row + 0.5) * per_row
+        sine, cosine = np.sin(above), np.cos(above)
+        least = baseline * sine / far
+        for u in range(width):
+            range_m[v, u] = np.nan
+            range_std_m[v, u] = np.nan
+            delta, sigma = disparity[v, u] * per_row, std[v, u] * per_row
+            if not (sigma < 1e3):
+                continue
+            if delta + 2 * sigma < least:
+                range_m[v, u] = np.inf
+                continue
+            if delta <= 0.0 or above <= delta:
+                continue
+            cotangent = 1.0 / tangent(delta)
+            across = sine * cotangent - cosine  # sin(b) / sin(d)
+            relative = abs((cosine * cotangent + sine) / across + cotangent) * sigma  # (cot(b) + cot(d)) sigma
+            r = baseline * across
+            if r >= nearest and relative <= max_relative:
+                range_m[v, u] = r
+                range_std_m[v, u] = relative * r
+
+
+@njit(**OPTIONS)
+def tangent(angle):
+    """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
+    if angle > 0.35:
+        return np.tan(angle)
+    q = angle * angle
+    return angle * (1.0 + q * (1 / 3 + q * (2 / 15 + q * (17 / 315 + q * (62 / 2835 + q * (1382 / 155925))))))
 
 
 @njit(**OPTIONS)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASELINE_ERROR, MAX_SINE, MIN_RANGE_SHARE
-from sphere_mapping.acquisition.kernels import recenter
+from sphere_mapping.acquisition.kernels import recenter, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout, axes_of
@@ -27,22 +27,10 @@ def range_from_disparity(
     disparity: Disparity, window: Spherical, baseline_m: float, params: MatchParams
 ) -> tuple[Floats, Floats]:
     """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
-    per_row, two = np.float32(2 * np.pi / window.full_width), np.float32(2.0)
-    rows = np.arange(window.height, dtype=np.float32)[:, None]
-    above = (rows + np.float32(window.offset_v + 0.5)) * per_row  # colatitude, from the upper centre
-    sine, cosine = np.sin(above), np.cos(above)
-    delta, sigma = disparity.value * per_row, disparity.std * per_row
-    with np.errstate(divide="ignore", invalid="ignore"):
-        is_far = delta + two * sigma < baseline_m * sine / np.float32(FAR_M)
-        cotangent = 1 / np.tan(delta)
-        across = sine * cotangent - cosine  # sin(b) / sin(d), b = a - d being the colatitude from the lower centre
-        range_m = np.float32(baseline_m) * across
-        relative = np.abs((cosine * cotangent + sine) / across + cotangent) * sigma  # (cot(b) + cot(d)) sigma
-        is_bad = ~((delta > 0) & (delta < above) & (range_m >= np.float32(MIN_RANGE_SHARE * params.nearest_m)))
-        is_bad |= ~(relative <= np.float32(params.max_relative_std))
-    std_m = relative * range_m
-    range_m[is_bad], std_m[is_bad | is_far] = np.nan, np.nan
-    range_m[is_far] = np.inf
+    range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
+    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)
+    per_row = 2 * np.pi / window.full_width
+    triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
     return range_m, std_m
 
 

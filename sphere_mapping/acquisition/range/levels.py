@@ -21,7 +21,7 @@ from sphere_mapping.acquisition.constants import (
     UNKNOWN_PX,
     UNKNOWN_SIDE,
 )
-from sphere_mapping.acquisition.kernels import average_down
+from sphere_mapping.acquisition.kernels import smooth
 from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 
 
@@ -31,18 +31,9 @@ def around(plane: NDArray[Any], margin: int, *, is_whole: bool) -> NDArray[Any]:
     return cv2.copyMakeBorder(plane, 0, 0, margin, margin, border)
 
 
-def smooth(values: Floats, radius: int) -> Floats:
-    """Return the mean (H, W) over 2 radius + 1 rows, then as many columns, of what differs little from the middle.
-
-    A block's step says nothing of what changes within the block: without this, such errors would stay and grow.
-    """
-    down = average_down(np.ascontiguousarray(values), radius, *SMOOTH)
-    return cv2.transpose(average_down(cv2.transpose(down), radius, *SMOOTH)).astype(np.float32, copy=False)
-
-
 def smooth_around(values: Floats, radius: int, *, is_whole: bool) -> Floats:
-    """Return the same of a whole sphere, or a part that goes on: without the stairs of whole pixels."""
-    smoothed = smooth(around(values, 2 * radius, is_whole=is_whole), radius)
+    """Return the mean of what differs little over 2 radius + 1 rows and columns: without the stairs of whole pixels."""
+    smoothed: Floats = smooth(around(values, 2 * radius, is_whole=is_whole), radius, *SMOOTH)
     return np.ascontiguousarray(smoothed[:, 2 * radius : -2 * radius])
 
 

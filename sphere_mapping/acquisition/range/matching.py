@@ -31,14 +31,15 @@ from sphere_mapping.acquisition.constants import (
     NUM_SCALES,
     REFINE_RADIUS,
     REFINE_STEPS,
+    SMOOTH,
     STD_FACTOR,
     STEP_LIMIT,
     STEPS_AGAIN,
 )
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
-    compare_along_columns,
-    step_blocks,
+    align_along_columns,
+    smooth,
 )
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.levels import (
@@ -49,7 +50,6 @@ from sphere_mapping.acquisition.range.levels import (
     halve_image,
     interpolate,
     is_borrowed,
-    smooth,
     smooth_around,
     twice,
     usable_at,
@@ -202,17 +202,13 @@ def _refine_strip(
     top: Bytes, bottom: Bytes, start: Floats, sizes: tuple[int, int], params: MatchParams, value: Floats, std: Floats
 ) -> None:
     """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
-    (margin, num_steps), side = sizes, (2 * REFINE_RADIUS + 1,) * 2
-    start = smooth(start, REFINE_RADIUS)
+    (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
+    start = smooth(start, REFINE_RADIUS, *SMOOTH)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
-    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * np.prod(side), params.noise**2, MATCH_PX**2], np.float32)
-    terms, sums = np.empty((2, 6, *start.shape), np.int32)
+    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
     for _ in range(num_steps):
-        compare_along_columns(top, bottom, refined, terms)
-        for term, total in zip(terms, sums, strict=True):
-            cv2.boxFilter(term, cv2.CV_32S, side, total, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        step_blocks(sums.reshape(6, -1), limits, *(plane.ravel() for plane in (start, refined, information, left)))
-        refined = smooth(refined, REFINE_RADIUS)
+        align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
+        refined = smooth(refined, REFINE_RADIUS, *SMOOTH)
     inner = slice(margin, margin + value.shape[1])
     refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
     across, along = _squared_slopes(top)[:, :, inner]

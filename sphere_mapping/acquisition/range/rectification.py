@@ -17,8 +17,10 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 
 from sphere_mapping.acquisition.constants import (
+    CLOUD_REACH_DEG,
     FEATURE_WIDTH,
     FROM_BORDER_DEG,
     LENS_STD,
@@ -27,6 +29,7 @@ from sphere_mapping.acquisition.constants import (
     MIN_PAIR_MATCHES,
     NEAR_EPIPOLE,
     POLE_DEG,
+    RANGE_SHARE,
     RECTIFY_SCALES_DEG,
     RECTIFY_SIFT,
     TURN_STD,
@@ -43,12 +46,13 @@ NUM_VALUES = 6  # of a camera
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Pixels (N, 2) of two cameras that show the same."""
+    """Pixels (N, 2) of two cameras that show the same; how far it is from the first (N,) m, NaN where unknown."""
 
     first: str
     second: str
     pixels_first: Array
     pixels_second: Array
+    range_first: Array | None = None
 
 
 def correct(rig: Rig, values: Array) -> Rig:
@@ -63,10 +67,30 @@ def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
     return np.nan_to_num(np.concatenate([np.zeros(0), *found]))
 
 
+def match_angles(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
+    """Return the angles (M,) by the scale, of all matches off their planes and of those with range off their place."""
+    ranged = [(match, match.range_first) for match in matches if match.range_first is not None]
+    found = [_off_range(range_m, scale, *rays_of(rig, match)) for match, range_m in ranged]
+    return np.concatenate([epipolar_errors(rig, matches), np.nan_to_num(np.concatenate([np.zeros(0), *found]))]) / scale
+
+
 def _off_plane(x: Array, y: Array, along: Array) -> Array:
     """Return the signed angle (N,) of rays y off the planes of rays x and the baseline; smaller near the baseline."""
     normal = np.cross(along / np.linalg.norm(along), x)
     return np.sum(normal * y, axis=1) / np.maximum(np.linalg.norm(normal, axis=1), NEAR_EPIPOLE)
+
+
+def _off_range(range_m: Array, scale: float, x: Array, y: Array, along: Array) -> Array:
+    """Return the angle (N,) of rays y off where on the epipolar line a range (N,) along x puts them.
+
+    Scaled down where the range, known to RANGE_SHARE of it, says less than `scale` about that place.
+    """
+    seen = x * range_m[:, None] - along
+    seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    normal = np.cross(along, seen)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    parallax = np.linalg.norm(np.cross(x, seen), axis=1)
+    return np.sum(np.cross(normal, seen) * y, axis=1) / np.hypot(1.0, RANGE_SHARE * parallax / scale)
 
 
 def rays_of(rig: Rig, match: Matches) -> tuple[Array, Array, Array]:
@@ -99,8 +123,14 @@ class RigCorrection:
     after_deg: float
 
 
-def matches_of(rig_views: Sequence[RigView], images: Mapping[str, Bytes]) -> list[Matches]:
-    """Return the features that pairs of cameras share in the grey images (h, w) of one instant."""
+def matches_of(
+    rig_views: Sequence[RigView], images: Mapping[str, Bytes], points_sphere: Array | None = None
+) -> list[Matches]:
+    """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
+
+    points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
+    """
+    views = {rig_view.name: rig_view for rig_view in rig_views}
     whole = Spherical(FEATURE_WIDTH, FEATURE_WIDTH // 2)
     rays = pixel_rays(whole)
     found = {
@@ -115,7 +145,9 @@ def matches_of(rig_views: Sequence[RigView], images: Mapping[str, Bytes]) -> lis
         )
         pairs = pair_descriptors(found[a][2], found[b][2], is_far)
         if pairs.shape[1] >= MIN_PAIR_MATCHES:
-            matches.append(Matches(a, b, found[a][0][pairs[0]], found[b][0][pairs[1]]))
+            pixels = found[a][0][pairs[0]]
+            ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
+            matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
     return matches
 
 
@@ -131,7 +163,7 @@ def rectify(rig: Rig, matches: Sequence[Matches]) -> RigCorrection:
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            return np.concatenate([_soften(epipolar_errors(correct(rig, now), matches) / scale), now / prior])
+            return np.concatenate([_soften(match_angles(correct(rig, now), matches, scale)), now / prior])
 
         values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
     better = correct(rig, values)
@@ -161,6 +193,18 @@ def _features(rig_view: RigView, image: Bytes, rays: Array) -> tuple[Array, Arra
     pixels = [cv2.remap(plane, at, None, cv2.INTER_LINEAR)[:, 0] for plane in (u, v)]
     own = [cv2.remap(rays[..., k].astype(np.float32), at, None, cv2.INTER_LINEAR)[:, 0] for k in range(3)]
     return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
+
+
+def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
+    """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
+    points = rig_view.T_sphere_camera.inverse().apply(points_sphere)
+    at, visible = rig_view.camera.project(points)
+    if not visible.any():
+        return np.full(len(pixels), np.nan)
+    reach = np.radians(CLOUD_REACH_DEG) * rig_view.camera.pixels_per_radian
+    distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
+    ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
+    return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
 def pair_descriptors(a: Floats, b: Floats, is_far: Flags | None = None) -> Integers:

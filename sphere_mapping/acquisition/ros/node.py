@@ -119,7 +119,7 @@ class SphereStitcher(ManagedNode):
         """Correct the rig by what its cameras share."""
         self.is_rectified = True
         seen = [instant for instant in instants if instant.images]
-        matches = [match for one in seen for match in self.stitcher.matches(one.images)]
+        matches = [match for one in seen for match in self.stitcher.matches(one.images, one.points)]
         found = rectify(self.stitcher.rig, matches)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
         self.publish_frame()

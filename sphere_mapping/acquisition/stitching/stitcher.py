@@ -89,9 +89,11 @@ class Stitcher:
         ordered = {name: images[name] for name in self.rig.names if name in images}
         return self._light.balance(ordered)
 
-    def matches(self, images: Mapping[str, Bytes]) -> list[Matches]:
-        """Return the features that cameras share at one instant, for `rectify`."""
-        return matches_of(list(self.layouts.views.values()), _to_grays(self.equalize(images)[0]))
+    def matches(self, images: Mapping[str, Bytes], points_rig: NDArray[np.floating] | None = None) -> list[Matches]:
+        """Return the features that cameras share at one instant, for `rectify`; points_rig as for `stitch`."""
+        grays = _to_grays(self.equalize(images)[0])
+        points = None if points_rig is None else self._to_sphere(points_rig)
+        return matches_of(list(self.layouts.views.values()), grays, points)
 
     @property
     def is_settled(self) -> bool:
@@ -131,8 +133,10 @@ class Stitcher:
     def _project_points(self, points_rig: NDArray[np.floating] | None) -> list[Ranged]:
         if points_rig is None:
             return []
-        points_sphere = self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
-        return [range_from_cloud(points_sphere, self.whole)]
+        return [range_from_cloud(self._to_sphere(points_rig), self.whole)]
+
+    def _to_sphere(self, points_rig: NDArray[np.floating]) -> Array:
+        return self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
 
 
 def _to_grays(images: Mapping[str, Bytes]) -> dict[str, Bytes]:

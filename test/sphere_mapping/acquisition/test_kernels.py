@@ -24,6 +24,18 @@ LENSES = (
 PARAMS = build(StitchParams, {"width": 128})
 
 
+def test_smoothing_keeps_slopes_and_edges():
+    rows, columns = np.mgrid[0:30, 0:40].astype(np.float32)
+    plane = np.float32(10) + np.float32(0.1) * rows + np.where(columns < 20, 0, 9).astype(np.float32)
+    noisy = plane + np.random.default_rng(1).normal(0, 0.2, plane.shape).astype(np.float32)
+    noisy[5, 5] = np.nan
+    out = kernels.smooth(noisy, 3, np.float32(1.0), np.float32(0.03))
+    assert np.isnan(out[5, 5])
+    assert np.isnan(out).sum() == 1
+    inner = (slice(3, -3), slice(3, -3))
+    assert np.nanstd((out - plane)[inner]) < 0.06  # 49 values, some of them too far off to be averaged
+
+
 def test_fused_range_is_the_weighted_mean_unless_denied():
     def fuse(*values):
         found = fuse_sources([tuple(np.full((1, 1), x, np.float32) for x in one) for one in values], Spherical(2, 1))
@@ -77,7 +89,7 @@ def some_unknown(shape, seed, low, high, share=0.1):
 
 
 def test_a_step_of_alignment_is_that_of_least_squares():
-    """The mean of what the slopes say and what the match says, each by its information (step_blocks' formulas)."""
+    """The mean of what the slopes say and what the match says, each by its information (step_row's formulas)."""
     rng = np.random.default_rng(7)
     s, e = rng.normal(0, 80, (2, 30, 49)).round()
     sums = np.stack([np.full_like(s, 1), s, e, s * s, s * e, e * e]).sum(axis=2).astype(np.int32)
@@ -86,7 +98,7 @@ def test_a_step_of_alignment_is_that_of_least_squares():
     limit, _, noise, prior = limits
     start, before = (rng.normal(5, 0.5, 30).astype(np.float32) for _ in range(2))
     disparity, information, left = before.copy(), np.empty(30, np.float32), np.empty(30, np.float32)
-    kernels.step_blocks(sums, limits, start, disparity, information, left)
+    kernels.step_row(sums, limits, start, disparity, information, left)
     slopes, errors = s / 16, e / 16
     variance = slopes.var(axis=1)
     covariance = ((slopes - slopes.mean(axis=1, keepdims=True)) * errors).mean(axis=1)
