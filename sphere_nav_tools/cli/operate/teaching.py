@@ -87,9 +87,11 @@ class Teaching(Processes):
 
     @property
     def paths(self) -> list[str]:
-        """Names of the files here that a path can be in."""
-        found = (path for path in self.folder.iterdir() if path.suffix in PATHS and path.is_file())
-        return sorted(path.name for path in found if self._holds(path))
+        """Names of the files here that a path can be in, taught ones first: a rig file may be among the others."""
+        found = [
+            path for path in self.folder.iterdir() if path.suffix in PATHS and path.is_file() and self._holds(path)
+        ]
+        return [path.name for path in sorted(found, key=lambda path: (PATHS.index(path.suffix), path.name))]
 
     def path_of(self, name: str) -> Path | None:
         """Return the file of a path; None for a name that is not offered."""

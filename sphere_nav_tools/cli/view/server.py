@@ -59,6 +59,7 @@ class Minimap:
 
 MAX_SIDE, MOVING_SIDE = 800, 480  # px, of a view, and of one while the camera moves; the browser enlarges it
 NUM_FILLING, STILL_S = 4, 0.3  # key spheres of a view once the camera stands, and when it does
+BELOW = np.array([0.0, 0.0, -0.4])  # m by which the graph is drawn lower: on its lines one would see nothing else
 PAUSE_S = 0.1  # between two looks at whether a pause is over
 KEYS = "**W A S D** move, **Q E** down and up, mouse turns, wheel nears; a click on a key sphere goes there."
 ANY_LOOK = "the nearest key spheres"
@@ -120,13 +121,13 @@ class Page(WebPage):
     def _add_graph(self) -> None:
         scene = self.server.scene
         for name, ends in edges_of(self._graph).items():
-            scene.add_line_segments(f"/graph/{name}", points=ends.astype(np.float32), colors=COLORS[name])
+            scene.add_line_segments(f"/graph/{name}", points=(ends + BELOW).astype(np.float32), colors=COLORS[name])
         for node in self._graph:
             handle = scene.add_icosphere(
                 f"/graph/key_sphere_{node.id}",
                 radius=0.08,
                 color=COLORS["key"],
-                position=node.T_map_sphere.translation,
+                position=node.T_map_sphere.translation + BELOW,
             )
             handle.on_click(lambda event, T=node.T_map_sphere: put(event.client, T @ T_BODY_OPTICAL))
 

@@ -79,7 +79,7 @@ def test_paths_are_what_a_follower_reads_and_a_link_out_of_the_folder_is_neither
     (desk.folder / "twice" / "a.mcap").write_bytes(b"")
     (desk.folder / "twice_map").symlink_to(there)
     (desk.folder / "ring").symlink_to("ring")
-    assert (desk.drives, desk.paths) == (["home", "twice"], ["a.csv", "c.geojson", "home.tum", "same.tum"])
+    assert (desk.drives, desk.paths) == (["home", "twice"], ["home.tum", "same.tum", "a.csv", "c.geojson"])
     assert desk.path_of("same.tum") == desk.folder / "same.tum"
     assert (desk.map_of("home"), desk.map_of("twice")) == (desk.folder / "home_map", None)
     refused = {desk.map(name) for name in ("away", "half", "none", str(there / "drive"), "away/..", "..", "a\0b")}
