@@ -126,7 +126,7 @@ class OfflineShell(Endpoints):
         self._bus.listeners[wanted.resolved].remove(wanted)
 
     def finish(self, status: int) -> None:
-        """Do nothing."""
+        """Do nothing: a replay ends with its bag."""
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Fire on the recording's clock, which is the only one here."""

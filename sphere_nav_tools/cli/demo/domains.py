@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 FOR_TESTS, FOR_DRIVES = range(1, 50), range(50, 100)  # 0 is everybody's; above 101 the ports are not reserved
-_claims: list[int] = []  # descriptors of files, ours locked: the kernel gives the domains free when the process ends
+_claims: list[int] = []  # descriptors of locked files: the kernel gives the domains free when the process ends
 
 
 def claim_domain(domains: Iterable[int] = FOR_DRIVES) -> int:
@@ -18,7 +18,12 @@ def claim_domain(domains: Iterable[int] = FOR_DRIVES) -> int:
     for domain in domains:
         path = Path(tempfile.gettempdir(), f"sphere_nav_domain_{domain}.lock")
         with suppress(OSError):  # locked by a process, or the file of another user who may still use it
-            _claims.append(os.open(path, os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
-            fcntl.flock(_claims[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            claim = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(claim)
+                continue
+            _claims.append(claim)
             return domain
     raise RuntimeError(f"ROS domains: expected one of {domains} that is free, found all in use; --domain names another")

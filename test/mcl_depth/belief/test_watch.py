@@ -76,3 +76,14 @@ def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
             trial.add(value)
             found.append((trial.p_chance < RATE, trial.is_refused()))
         assert found == [(False, False)] * 4 + [(is_right, not is_right)]
+
+
+def test_a_trial_learns_nothing_of_its_images_so_that_their_order_does_not_matter():
+    found = []
+    for values in ((9.0, 3.0, 5.0), (3.0, 5.0, 9.0)):
+        trial = PlaceTest(RATE, is_held=False)
+        for value in values:
+            trial.add(value)
+        found.append(trial.p_chance)
+    assert 0.0 < found[0] < 0.5
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
