@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera",
         LENS,
         "(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
-        floats(f"4 to 12 floats {LENS}", 4, 12),
+        floats(f"4 to 12 numbers {LENS}", 4, 12),
     )
     images = parser.add_argument_group("images")
     add(images, "--rig", "FILE", "rig file of the cameras", Path)

@@ -84,6 +84,12 @@ def fails(capsys, tmp_path, *words):
     return err
 
 
+def test_a_camera_of_two_numbers(capsys, tmp_path):
+    err = fails(capsys, tmp_path, "tum", tmp_path, "--camera", "525,525")
+    assert "argument --camera: expected 4 to 12 numbers FX,FY,CX,CY[,K1" in err
+    assert "found '525,525'" in err
+
+
 @pytest.mark.parametrize("name", import_.READERS)
 def test_a_folder_that_is_not_there_or_empty(name, capsys, tmp_path):
     assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
