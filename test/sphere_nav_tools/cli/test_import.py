@@ -85,7 +85,10 @@ def fails(capsys, tmp_path, *words):
 
 
 def test_a_camera_of_two_numbers(capsys, tmp_path):
-    err = fails(capsys, tmp_path, "tum", tmp_path, "--camera", "525,525")
+    with pytest.raises(SystemExit) as ended:
+        main(["import", "tum", str(tmp_path), "--camera", "525,525", "-o", str(tmp_path / "bad")])
+    assert ended.value.code == 2
+    err = capsys.readouterr().err
     assert "argument --camera: expected 4 to 12 numbers FX,FY,CX,CY[,K1" in err
     assert "found '525,525'" in err
 
