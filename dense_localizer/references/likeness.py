@@ -112,7 +112,8 @@ def correlate_poses(
     """
     local = T_camera_sphere.apply(points.astype(np.float64))
     *axis, angle = view_cone(level.camera).tolist()
-    pose, point = np.nonzero(local @ np.array(axis) >= np.cos(angle) * np.linalg.norm(local, axis=-1))
+    far = np.sqrt(np.einsum("gni,gni->gn", local, local))  # a third of the time of a norm
+    pose, point = np.nonzero(local @ np.array(axis) >= np.cos(angle) * far)
     pixels, is_visible = level.camera.project(local[pose, point])
     pose, point, (u, v) = pose[is_visible], point[is_visible], pixels[is_visible].T
     column = np.rint(u).astype(np.int64) + level.pad

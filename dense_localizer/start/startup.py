@@ -10,6 +10,7 @@ place explains nearly as well is withheld.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,14 +32,15 @@ from dense_localizer.constants import (
 )
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
-from dense_localizer.references.coarse_reference import CoarseReference, stop_at
+from dense_localizer.references.coarse_reference import stop_at
 from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
 from dense_localizer.start.by_edges import EdgeSearch
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
-from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
 from sphere_nav.photometric.align.projection import view_cone
@@ -102,11 +104,11 @@ class Startup:
         self, seen: RigImage, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int
     ) -> list[Guess]:
         """Return the best of many poses in some key spheres."""
-        guesses: list[Guess] = []
+        look, guesses = cache(partial(ways_to_look, self._params.start, seen.pyramid.cameras[0])), list[Guess]()
         for node in nodes:
+            coarse = self._references.coarse[node.id]
             for attitude in attitudes:
-                coarse, camera = self._references.coarse[node.id], seen.pyramid.cameras[0]
-                guesses += self._compare(seen, node, candidate_poses(coarse, self._params.start, camera, attitude))
+                guesses += self._compare(seen, node, candidate_poses(*look(coarse.camera, attitude), coarse.step_m))
         return select_best(guesses, count)
 
     def propose_near(self, seen: RigImage, T_map_body: SE3) -> list[SE3]:
@@ -160,15 +162,12 @@ def find_attitude(seen: RigImage, ground: Ground) -> SE3:
     return SE3.from_parts(np.eye(3), above) if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, above)
 
 
-def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera, attitude: SE3 | None = None) -> SE3:
-    """Return poses of a camera that are worth trying in an upright sphere, a batch of T_sphere_camera.
+def ways_to_look(params: SearchParams, camera: Camera, window: Spherical, attitude: SE3) -> tuple[SE3, Array]:
+    """Return N poses T_sphere_camera in the middle of an upright sphere, and the directions (N, 3) that they go on in.
 
-    All around in a whole sphere; in and beside the middle of a partial one; each at its center and a step before and
-    behind it, by a share of the range. `attitude`: that of `find_attitude`; None: upright.
+    All around in a whole sphere; in and beside the middle of a partial one. `attitude`: that of `find_attitude`.
     """
-    level = attitude or SE3.identity()
-    (roll, pitch, _), lifted = level.angles, SE3.from_parts(np.eye(3), [0.0, 0.0, level.translation[2]])
-    window = coarse.camera
+    roll, pitch, _ = attitude.angles
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
     side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
     if window.is_whole:
@@ -176,15 +175,19 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     else:
         azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
-    azimuth, elevation, forward = (
-        axis.ravel() for axis in np.meshgrid(azimuths, elevations, coarse.step_m * np.arange(-1, 2), indexing="ij")
-    )
+    azimuth, elevation = (axis.ravel() for axis in np.meshgrid(azimuths, elevations, indexing="ij"))
     zero = np.zeros_like(azimuth)
     turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
-    raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
-    advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
+    ahead = turned @ SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
     rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
-    return lifted @ turned @ raised @ advanced @ rolled @ find_body_axes(camera)
+    lifted = SE3.from_parts(np.eye(3), [0.0, 0.0, attitude.translation[2]])
+    return lifted @ ahead @ rolled @ find_body_axes(camera), ahead.rotation[..., 0]
+
+
+def candidate_poses(T_sphere_camera: SE3, ahead: Array, step_m: float) -> SE3:
+    """Return each of N poses a step behind, as it is, and a step before: a batch of 3 N."""
+    moved = T_sphere_camera.translation[:, None] + step_m * np.arange(-1, 2)[:, None] * ahead[:, None]
+    return SE3(SE3.from_parts(T_sphere_camera.rotation[:, None], moved).matrix.reshape(-1, 4, 4))
 
 
 def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:

@@ -8,7 +8,7 @@ from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
-from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
+from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude, ways_to_look
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
@@ -147,17 +147,19 @@ def test_guesses_that_are_clearly_behind_are_not_aligned_at_full_resolution(monk
 
 
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
-    params = SearchParams(heading_step_deg=30.0)
-    coarse = References(room_map, PARAMS).coarse[0]
-    whole = candidate_poses(coarse, params, PINHOLE)
-    assert whole.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
-    forward = np.unique(np.round(whole.rotation[:, :, 2], 6), axis=0)
-    assert len(forward) == 12
-    window = Spherical(100, 60, 512.0, 0.0, 98.0)
-    part = candidate_poses(CoarseReference(window, 3.0, coarse.load, coarse.params), params, PINHOLE)
-    assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
-    middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
-    assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))
+    params, upright = SearchParams(heading_step_deg=30.0), SE3.identity()
+    window, step_m = References(room_map, PARAMS).coarse[0].camera, 0.5
+    whole, ahead = ways_to_look(params, PINHOLE, window, upright)
+    np.testing.assert_allclose(whole.rotation[:, :, 2], ahead, atol=1e-9)  # where the camera looks, it goes on
+    assert len(np.unique(np.round(ahead, 6), axis=0)) == 12
+    poses = candidate_poses(whole, ahead, step_m)
+    assert poses.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
+    np.testing.assert_allclose(poses.translation.reshape(12, 3, 3)[:, 2], step_m * ahead, atol=1e-9)
+    part = Spherical(100, 60, 512.0, 0.0, 98.0)
+    _, ahead = ways_to_look(params, PINHOLE, part, upright)
+    assert ahead.shape == (15, 3)  # 5 x 3 directions
+    middle = part.unproject([49.5, 29.5])
+    assert np.any(np.all(np.isclose(ahead, middle, atol=1e-9), axis=1))
 
 
 NODE = KeySphere(0, 1, SE3.identity())
