@@ -43,9 +43,10 @@ class LikenessParams:
     """How an image is compared with depth images (`likeness/features.py`, `likeness/learned.py`)."""
 
     kind: str = param(
-        "gradients",
-        "gradients: by edges (N17); learned: by trained networks, for whole panoramas at the default synthesis",
-        choices=("gradients", "learned"),
+        "auto",
+        "gradients: by edges (N17); learned: by trained networks, for whole panoramas at the default synthesis; "
+        "auto: learned for those in a building, else gradients",
+        choices=("auto", "gradients", "learned"),
     )
 
 

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import MESH_STEP, MIN_HEIGHT_M
+from mcl_depth.constants import MESH_STEP, MIN_HEIGHT_M, MIN_SEEN
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, Ground, find_area
 from mcl_depth.geometry.cloud import Geometry
 from mcl_depth.geometry.mesh import sample_surface
-from mcl_depth.geometry.synthesis import DepthSynthesizer
+from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.params import FilterParams
+from mcl_depth.params import FilterParams, SynthesisParams
+from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build, to_mapping
 
 INDOOR_WIDTH_M = 40.0  # a building is narrower, if not shorter
@@ -33,28 +35,41 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 
 
-def apply_preset(params: FilterParams, box: tuple[NDArray[Any], NDArray[Any]]) -> FilterParams:
-    """Return parameters with the preset's values where they are at their defaults; `box` is that of the cloud, m."""
+def apply_preset(params: FilterParams, box: tuple[NDArray[Any], NDArray[Any]], camera: Camera) -> FilterParams:
+    """Return parameters with the preset's values where they are at their defaults, and the likeness for a camera.
+
+    `box` is that of the cloud, m. A panorama in a building is compared by what was learned: nothing else was.
+    """
     name = params.preset
     if name == "auto":
         width = float(np.min((box[1] - box[0])[:2]))
         name = "indoor" if width <= INDOOR_WIDTH_M else "outdoor"
     values, defaults = to_mapping(params), to_mapping(type(params)())
     changes = {key: value for key, value in PRESETS[name].items() if values[key] == defaults[key]}
+    if values["likeness.kind"] == "auto":
+        is_known = name == "indoor" and params.synthesis.num_columns == defaults["synthesis.num_columns"]
+        is_learned = is_known and share_seen(camera, params.synthesis) >= MIN_SEEN
+        changes["likeness.kind"] = "learned" if is_learned else "gradients"
     return build(type(params), values | changes | {"preset": name})
+
+
+def share_seen(camera: Camera, params: SynthesisParams) -> float:
+    """Return how much of the panoramas that are compared a spherical camera shows, if it is upright; others: 0."""
+    window = panorama_window(params)
+    return float(camera.project(pixel_rays(window))[1].mean()) if isinstance(camera, Spherical) else 0.0
 
 
 class Site:
     """What of a map does not change while the filter runs."""
 
     def __init__(
-        self, geometry: Geometry, camera_height: float, params: FilterParams, *, is_ready: bool = True
+        self, geometry: Geometry, camera: Camera, camera_height: float, params: FilterParams, *, is_ready: bool = True
     ) -> None:
         """`camera_height` m above the ground, unless the parameter of that name is set.
 
         `is_ready`: the depth images are made now; else `prepare` has to be called before a filter needs them.
         """
-        self.params = params = apply_preset(params, geometry.box)
+        self.params = params = apply_preset(params, geometry.box, camera)
         height = params.camera_height or camera_height
         if height < MIN_HEIGHT_M:
             expected = "camera_height: expected that of the camera above the ground (or a mounting that tells it)"

@@ -225,7 +225,7 @@ def build_town(seed: int, share: float = 1.0) -> tuple[Site, Plan]:
     plan, cloud = draw_plan(seed), geometry_cloud(seed, SPACING, "town")
     x0, y0, x1, y1 = limits(plan)
     box = {"area.limits": f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"}
-    return Site(cloud_from_points(cloud.astype(np.float32), "town"), HEIGHT, build(FilterParams, box)), plan
+    return Site(cloud_from_points(cloud.astype(np.float32), "town"), PANORAMA, HEIGHT, build(FilterParams, box)), plan
 
 
 def run_filter(site: Site, steps: Iterable[Step], seed: int, start: tuple[Array, Array] | None = None) -> Trial:

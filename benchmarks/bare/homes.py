@@ -294,7 +294,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def walk(plan: Geometry, seen: Home, count: int, seed: int) -> list[Trial]:
     """Walk from so many panoramas; images of another home are wrong wherever they are claimed to be."""
-    site, found = Site(plan, HEIGHT, FilterParams()), []
+    site, found = Site(plan, PANORAMA, HEIGHT, FilterParams()), []
     for number in range(count):
         again, start = divmod(number, len(seen.poses))  # the second walk from a panorama is another one
         found.append(run_filter(site, steps(seen, start, seed + 1000 * again), seed + 1000 * again))

@@ -205,7 +205,7 @@ class Evidence:
             tolerance_m=tolerance,
             is_in_map=p_elsewhere < self._max_chance <= p_chance and len(poses) > 1,
             is_proven=p_chance < self._max_chance,
-            is_of_rooms=level.way_m >= ROOM_M,
+            is_of_rooms=level.extent_m >= ROOM_M,
         )
 
 
@@ -255,7 +255,7 @@ def chances_of_place(values: Array, level: EvidenceLevel) -> tuple[float, float]
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
     z / LEAST_MIRRORED. Without a rival nothing is told: 1.
 
-    A drive that may not have left the room that it began in (`ROOM_M`) fits any room of that size, where turned ones do
+    A drive whose images may all be of one room (`ROOM_M`) fits any room of that size, where turned ones do
     not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
     """
     if len(values) < 2:
@@ -265,7 +265,7 @@ def chances_of_place(values: Array, level: EvidenceLevel) -> tuple[float, float]
     z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
     p_elsewhere = float(np.exp(-0.5 * (z / CHANCE_SIGMA) ** 2))
     p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
-    if level.way_m < ROOM_M:
+    if level.extent_m < ROOM_M:
         over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
         p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
         p_elsewhere, p_rival = max(p_elsewhere, p_mirrored), max(p_rival, 0.5 * p_any)

@@ -23,6 +23,7 @@ from mcl_depth.belief.motion_model import relative_motion, way_of
 from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
 
+ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in (np.cos, np.sin)], axis=1)  # directions
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
 
 
@@ -115,7 +116,7 @@ class EvidenceLevel:
     mirrored: float
     turned: float
     num_images: float  # that it is a sum of
-    way_m: float  # the largest distance from where the drive began
+    extent_m: float  # the largest distance between two of its images
 
 
 class Drives:
@@ -134,8 +135,7 @@ class Drives:
         """Forget all images."""
         self._ahead.reset()
         self._mirrored.reset()
-        self._begin: Array | None = None  # odometry
-        self._way_m = 0.0
+        self._reach = np.full(len(ASIDE), -np.inf)  # m, the farthest of all images in each direction
 
     def add(
         self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]
@@ -144,10 +144,8 @@ class Drives:
         turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
         total, *others = self._ahead.add(np.stack([field, *turned]), odometry)
         away = self._mirrored.add(mirrored, None if odometry is None else odometry * np.array([1.0, -1.0, -1.0]))
-        if odometry is None:
-            self._way_m = 0.0
-        else:
-            self._begin = odometry if self._begin is None else self._begin
-            self._way_m = max(self._way_m, way_of(odometry - self._begin))
+        place = np.full(len(ASIDE), -np.inf) if odometry is None else ASIDE @ odometry[:2]
+        self._reach = place if odometry is None else np.maximum(self._reach, place)
+        extent_m = 0.0 if odometry is None else float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2)))
         reached, *turned_reach = (float(one[:, mask].max()) for one in (away, *others))
-        return total, EvidenceLevel(reached, float(np.mean(turned_reach)), self._ahead.num_images, self._way_m)
+        return total, EvidenceLevel(reached, float(np.mean(turned_reach)), self._ahead.num_images, extent_m)

@@ -40,7 +40,7 @@ class Likeness:
 
 def check_likeness(params: FilterParams) -> EncoderPair | None:
     """Return the encoders that the parameters ask for, None for gradients; ValueError where they do not fit."""
-    if params.likeness.kind == "gradients":
+    if params.likeness.kind != "learned":
         return None
     encoders = load_encoders()
     if (found := params.synthesis.num_columns) != encoders.num_columns:

@@ -23,6 +23,7 @@ from mcl_depth.geometry.survey_frame import refuse_stray
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
+from sphere_nav.geometry import Camera
 from sphere_nav.localization.status import FINE, BaseEstimate, Reason, State, Status, Verdict, status_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions.driving import check_frames
@@ -97,7 +98,7 @@ class GeometryLoader:
         )
         self._fix.publish(message)
 
-    def make_filter(self, camera_height: float) -> Filter | None:
+    def make_filter(self, camera: Camera, camera_height: float) -> Filter | None:
         """Return a filter for the geometry, once its map is made ready; before, and where it cannot be used, None.
 
         Each call makes a part of what is missing, so that an image is answered within a second or two.
@@ -106,7 +107,7 @@ class GeometryLoader:
             return None
         try:
             if self._site is None:
-                self._site = Site(self.geometry, camera_height, self.params, is_ready=False)
+                self._site = Site(self.geometry, camera, camera_height, self.params, is_ready=False)
                 self._log.info(f"map: {len(self._site.places)} places are made ready")
             self._share = self._site.prepare(None if self.params.every_image else MADE_AT_ONCE)
         except ValueError as error:

@@ -74,9 +74,9 @@ class MclDepthNode(LocalizerNode):
         return self.clouds.map_id
 
     def prepare(self, picture: Picture) -> None:
-        """Make the filter, now that the camera's height is known."""
+        """Make the filter, now that the camera and its height are known."""
         if self.filter is None:
-            self.filter = self.clouds.make_filter(float(picture.T_base_camera.translation[2]))
+            self.filter = self.clouds.make_filter(picture.camera, float(picture.T_base_camera.translation[2]))
 
     def localize(self, picture: Picture) -> BaseEstimate:
         """Localise one image; show what it made of the belief."""

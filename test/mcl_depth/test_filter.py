@@ -18,18 +18,20 @@ from sphere_nav.params import build
 from worlds.boxes import box
 from worlds.lit_room import POSES, picture, room
 
-SETTINGS = {"camera_height": 1.2, "area.step": 0.25, "resampling.num_particles": 400, "input.min_way": 0.05}
+PANORAMA = Spherical(512, 256)
+SETTINGS = {"likeness.kind": "gradients", "camera_height": 1.2, "area.step": 0.25}
+SETTINGS |= {"resampling.num_particles": 400, "input.min_way": 0.05}
 
 
 @pytest.fixture(scope="module")
 def site():
-    return Site(room(), 1.2, build(FilterParams, SETTINGS))
+    return Site(room(), PANORAMA, 1.2, build(FilterParams, SETTINGS))
 
 
 def test_a_camera_on_the_ground_is_a_height_that_nobody_told():
     mesh = mesh_from_faces(box((0, 0, 0), (4, 3, 2)), np.arange(36).reshape(-1, 3), "room")
     with pytest.raises(ValueError, match=r"^camera_height: expected .* 0.05 m or more, found 0 m$"):
-        Site(mesh, 0.0, FilterParams())
+        Site(mesh, PANORAMA, 0.0, FilterParams())
 
 
 def observe(site, pose, number, odometry=True):

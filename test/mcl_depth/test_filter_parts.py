@@ -12,6 +12,7 @@ from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import DirectionParams, FilterParams
 from mcl_depth.site import PRESETS, apply_preset
 from mcl_depth.warm_up import warm_up
+from sphere_nav.geometry import Pinhole, Spherical
 from sphere_nav.params import build, to_mapping
 
 
@@ -108,7 +109,7 @@ TOWN = (np.zeros(3), np.array([140.0, 120.0, 20.0]))
 
 def test_the_cloud_tells_the_surroundings():
     for box, name in [(ROOM, "indoor"), (CORRIDOR, "indoor"), (TOWN, "outdoor")]:
-        found = apply_preset(FilterParams(), box)
+        found = apply_preset(FilterParams(), box, PANORAMA)
         assert found.preset == name
         values = to_mapping(found)
         assert {key: values[key] for key in PRESETS[name]} == PRESETS[name]
@@ -116,8 +117,28 @@ def test_the_cloud_tells_the_surroundings():
 
 def test_what_was_set_stays_and_what_was_chosen_is_used():
     given = build(FilterParams, {"preset": "outdoor", "area.step": 1.0})
-    found = apply_preset(given, ROOM)
+    found = apply_preset(given, ROOM, PANORAMA)
     assert (found.area.step, found.cache.max_distance) == (1.0, 0.5)
+
+
+PANORAMA, WEB = Spherical(512, 256), Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5)
+
+
+@pytest.mark.parametrize(
+    ("camera", "box", "settings", "kind"),
+    [
+        (PANORAMA, ROOM, {}, "learned"),
+        (PANORAMA, TOWN, {}, "gradients"),
+        (WEB, ROOM, {}, "gradients"),
+        (Spherical(360, 96, 360.0, 0.0, 42.0), ROOM, {}, "learned"),
+        (Spherical(360, 60, 360.0, 0.0, 60.0), ROOM, {}, "gradients"),  # it does not show enough
+        (PANORAMA, ROOM, {"synthesis.num_columns": 360}, "gradients"),  # which the networks do not know
+        (WEB, ROOM, {"likeness.kind": "learned"}, "learned"),
+        (PANORAMA, ROOM, {"likeness.kind": "gradients"}, "gradients"),
+    ],
+)
+def test_a_panorama_in_a_building_is_compared_by_what_was_learned(camera, box, settings, kind):
+    assert apply_preset(build(FilterParams, settings), box, camera).likeness.kind == kind
 
 
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through

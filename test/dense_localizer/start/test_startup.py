@@ -5,7 +5,6 @@ import pytest
 
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams, SearchParams
-from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
 from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude, ways_to_look

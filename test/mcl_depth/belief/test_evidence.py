@@ -21,7 +21,7 @@ COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
 MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
-ROOM_M = 6.0
+ROOM_M = 8.0
 
 SLIP = Verdict(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
@@ -67,20 +67,20 @@ class Images:
 
 
 def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
-    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, way_m=ROOM_M)
+    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, extent_m=ROOM_M)
     p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
     assert chances_of_place(np.array([18.0, 15.0]), sure) == (p_elsewhere, pytest.approx(np.exp(-3.0 / RIVAL_SCALE)))
     # what many images add up to says less
-    later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M)
+    later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, extent_m=ROOM_M)
     assert chances_of_place(np.array([18.0, 9.0]), later)[0] > 10.0 * p_elsewhere
-    alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, way_m=ROOM_M)  # a room is its own mirror image
+    alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, extent_m=ROOM_M)  # a room is its own mirror image
     assert chances_of_place(np.array([18.0, 9.0]), alike)[0] > 0.01
     assert chances_of_place(np.array([7.5, 1.0]), sure) == (1.0, 1.0)
-    one_room = replace(sure, mirrored=14.0, turned=1.0, way_m=0.9 * ROOM_M)  # any room of that size fits
+    one_room = replace(sure, mirrored=14.0, turned=1.0, extent_m=0.9 * ROOM_M)  # any room of that size fits
     assert chances_of_place(np.array([18.0, 9.0]), one_room) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
-    assert chances_of_place(np.array([18.0, 9.0]), replace(one_room, way_m=ROOM_M))[0] < RATE
+    assert chances_of_place(np.array([18.0, 9.0]), replace(one_room, extent_m=ROOM_M))[0] < RATE
     assert chances_of_place(np.array([20.0]), sure) == (1.0, 1.0)  # no rival
 
 
@@ -146,6 +146,18 @@ def test_control_drives_look_aside_and_back_and_in_a_mirror():
     assert others == [pytest.approx(6.0 + 2.0 * FORGETTING)] * 3  # of three drives one goes there
     assert ahead == 6.0
     assert level_of(7, 5, sees=0).mirrored == pytest.approx(6.0 + 6.0 * FORGETTING)
+
+
+def test_a_drive_reaches_from_one_of_its_images_to_another():
+    drives, mask, field = Drives(EDGE, 2 * EDGE), np.ones((12, 12), bool), np.zeros((36, 12, 12), np.float32)
+
+    def extent(*odometry):
+        return drives.add(field, field, np.array(odometry), mask)[1].extent_m
+
+    assert [extent(2.0, 1.0, 0.0), extent(5.0, 1.0, 0.0), extent(-1.0, 1.0, 2.0)] == pytest.approx([0.0, 3.0, 6.0])
+    assert extent(0.0, 1.0, 0.0) == pytest.approx(6.0)
+    assert extent(2.0, 8.0, 0.0) == pytest.approx(np.hypot(3.0, 7.0), rel=0.01)  # in whatever direction
+    assert drives.add(field, field, None, mask)[1].extent_m == 0.0  # nobody knows
 
 
 def test_odometry_may_err_by_a_cell_and_a_heading():

@@ -8,18 +8,18 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from worlds.lit_room import POSES, picture, room
 
-LEARNED = {"likeness.kind": "learned"}
-SETTINGS = LEARNED | {"camera_height": 1.2, "resampling.num_particles": 400, "input.min_way": 0.05}
+PANORAMA = Spherical(512, 256)
+SETTINGS = {"camera_height": 1.2, "resampling.num_particles": 400, "input.min_way": 0.05}
 
 
 @pytest.fixture(scope="module")
 def site():
-    return Site(room(), 1.2, build(FilterParams, SETTINGS))
+    return Site(room(), PANORAMA, 1.2, build(FilterParams, SETTINGS))
 
 
 def observe(site, pose, number):

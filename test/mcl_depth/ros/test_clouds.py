@@ -58,7 +58,7 @@ def test_another_cloud_is_made_ready_anew(node, tmp_path, caplog):
     for side in (3.0, 4.0):
         np.save(tmp_path / f"{side}.npy", np.random.default_rng(1).uniform(0.0, side, (500, 3)))
         loaded(node, tmp_path / f"{side}.npy")
-        node.clouds.make_filter(1.0)
+        node.clouds.make_filter(Spherical(512, 256), 1.0)
     assert caplog.text.count("places are made ready") == 2
 
 
