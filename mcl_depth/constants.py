@@ -49,6 +49,7 @@ MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
 MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
+CLEARLY = 0.1  # of the chance that is allowed: so sure an image counts for two (docs/notes/joint_evidence.md)
 
 # Evidence of one image for the map, and its maxima (belief/test_evidence, test_survey_grid)
 MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
