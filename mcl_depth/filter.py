@@ -40,7 +40,8 @@ class Filter:
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, self._motion)
-        self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
+        grid, chance_sigma = SurveyGrid(depth_map, area.middles), depth_map.likeness.chance_sigma
+        self.evidence = Evidence(grid, params.state.max_chance, chance_sigma)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
         self.particles: Particles

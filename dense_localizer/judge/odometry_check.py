@@ -21,7 +21,7 @@ from dense_localizer.constants import (
     MOTION_INTERVAL_S,
     MOTION_SHIFT_S,
 )
-from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.gates import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.odometry import PoseBuffer
@@ -74,15 +74,22 @@ class OdometryCheck:
         self._check_place(sample)
 
     def _check_place(self, sample: OdometrySample) -> None:
-        """Dispute a place that is not where odometry says the camera has gone since it was last sure."""
+        """Dispute a place that is not where odometry says the camera has gone since it was last sure.
+
+        Until one is there again, as nearly as odometry knew when the dispute began: it knows less with every metre.
+        """
         before = self._trusted
         if before is None:
             return
         T_map_camera = before.T_map_camera @ before.T_odom_camera.inverse() @ sample.T_odom_camera
-        growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
-        covariance = before.covariance + sample.covariance + np.diag(growth)
-        sigmas = float(np.sqrt(squared_distance(T_map_camera, sample.T_map_camera, covariance)))
-        if sigmas > MAX_ODOMETRY_SIGMAS:
+        if self._dispute is FINE:
+            self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
+        covariance = before.covariance + sample.covariance + np.diag(self._growth)
+        squared = squared_distance(T_map_camera, sample.T_map_camera, covariance)
+        sigmas = float(np.sqrt(squared))
+        if self._dispute is not FINE:
+            self._dispute = FINE if squared <= gate(6) else self._dispute
+        elif sigmas > MAX_ODOMETRY_SIGMAS:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
             self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)
             self._dispute_since_ns = sample.stamp_ns
@@ -91,14 +98,17 @@ class OdometryCheck:
         """Note an image that was placed; return how odometry contradicts it."""
         if self._dispute is not FINE and sample.stamp_ns - self._dispute_since_ns > DISPUTE_S * 1e9:
             self._dispute, self._trusted = FINE, None  # it has held for long
-        elif self._dispute is FINE and not self._is_trusted:
+        elif self._dispute is not FINE or not self._is_trusted:
             self._check_place(sample)
+        if self._dispute is not FINE:  # how a wrong place moves says nothing of a delay
+            self._is_new = False
+            return self._dispute
         self._samples.append((sample.stamp_ns, sample.T_odom_camera, sample))
         while self._samples and sample.stamp_ns - self._samples[0][0] > (MOTION_INTERVAL_S + 2 * MOTION_SHIFT_S) * 1e9:
             self._samples.popleft()
         if sample.stamp_ns - self._compared_ns >= MOTION_INTERVAL_S * 1e9:
             self._compare(sample)
-        finding = self._dispute if self._dispute is not FINE else self._find_delay()
+        finding = self._find_delay()
         self._is_new = finding is FINE
         return finding
 

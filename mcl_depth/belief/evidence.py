@@ -29,7 +29,6 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
-    CHANCE_SIGMA,
     EVEN_ODDS,
     LEAD_SCALE,
     LEAST_MIRRORED,
@@ -96,9 +95,9 @@ class Proof:
 class Evidence:
     """Remembers the fields of the last images; sums them, and tests the best place of the map."""
 
-    def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
-        """`max_chance`: a place that was accepted is chance so often."""
-        self._grid, self._max_chance = grid, max_chance
+    def __init__(self, grid: SurveyGrid, max_chance: float, chance_sigma: float) -> None:
+        """`max_chance`: a place that was accepted is chance so often; `chance_sigma` is that of `Likeness`."""
+        self._grid, self._max_chance, self._chance_sigma = grid, max_chance, chance_sigma
         self._drives = Drives(grid.edge, grid.diagonal)
         self.reset()
 
@@ -195,7 +194,7 @@ class Evidence:
         )
         joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
-        p_elsewhere, p_chance = chances_of_place(values, level)
+        p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         return Proof(
@@ -246,12 +245,12 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     return places[is_kept][: count + 1], values[is_kept][: count + 1]
 
 
-def chances_of_place(values: Array, level: EvidenceLevel) -> tuple[float, float]:
+def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:
     """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
     `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of
     both kinds of control drives, and those that are turned reach sqrt(n) less than a drive elsewhere, whose views
-    belong to its way: p < exp(-z^2 / 2 s^2), Chernoff's bound for a normal z of standard deviation s = CHANCE_SIGMA;
+    belong to its way: p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
     z / LEAST_MIRRORED. Without a rival nothing is told: 1.
 
@@ -263,7 +262,7 @@ def chances_of_place(values: Array, level: EvidenceLevel) -> tuple[float, float]
     root = np.sqrt(level.num_images)
     over_mirrored, over_turned = (values[0] - level.mirrored) / root, (values[0] - level.turned) / root - 1.0
     z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
-    p_elsewhere = float(np.exp(-0.5 * (z / CHANCE_SIGMA) ** 2))
+    p_elsewhere = float(np.exp(-0.5 * (z / sigma) ** 2))
     p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
     if level.extent_m < ROOM_M:
         over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from mcl_depth.constants import MIN_SEEN
+from mcl_depth.constants import CHANCE_SIGMA, MIN_SEEN
 from mcl_depth.likeness.comparison import compare_gradients
 from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.encoder import EncoderPair, load_encoders
@@ -32,6 +32,7 @@ class Likeness:
 
     name: str  # of what is kept on disk
     min_seen: float  # share of the panorama that an image must show
+    chance_sigma: float  # of z where a drive is not, after any number of images (docs/notes/joint_evidence.md)
     filter: type[Any]  # of one image against every cell, `GradientFilter` or `LearnedFilter`
     image: Callable[[Image, Mask], Any]  # level panorama (H, W), what of it is seen -> Visual
     depths: Callable[[Image], Stack]  # range panoramas (M, H, W) in m
@@ -56,6 +57,7 @@ def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
         return Likeness(
             name="",
             min_seen=0.0,
+            chance_sigma=CHANCE_SIGMA[0],
             filter=GradientFilter,
             image=visual_features,
             depths=lambda ranges_m: depth_features_many(ranges_m, params.comparison),
@@ -64,6 +66,7 @@ def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
     return Likeness(
         name=encoders.digest,
         min_seen=MIN_SEEN,
+        chance_sigma=CHANCE_SIGMA[1],
         filter=LearnedFilter,
         image=lambda gray, is_seen: LearnedFeatures(gray, is_seen, encoders, camera),
         depths=lambda ranges_m: LearnedStack.of(encoders.features_of_depths(ranges_m, camera)),

@@ -19,17 +19,22 @@ def weighted_step(J: Array, residual: Array, weight: Array) -> Array:
 
 def scaled_step(H: Array, g: Array) -> Array:
     """Return x (N,) = -H^-1 g for H (N, N), positive semidefinite, and g (N,)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), LEAST))
-    step = np.linalg.solve(H * np.outer(scale, scale) + RIDGE * np.eye(len(g)), -scale * g)
-    return np.asarray(scale * step, np.float64)
+    scaled, scale = _scale(H)
+    return np.asarray(scale * np.linalg.solve(scaled, -scale * g), np.float64)
 
 
 def scaled_inverse(H: Array) -> Array:
     """Return H^-1 (N, N) of H (N, N), positive semidefinite."""
+    scaled, scale = _scale(H)
+    return np.asarray(scale[:, None] * np.linalg.inv(scaled) * scale, np.float64)
+
+
+def _scale(H: Array) -> tuple[Array, Array]:
+    """Return H with a unit diagonal and a ridge, and by what (N,) its rows and columns were multiplied."""
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), LEAST))
-    return np.asarray(
-        np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale), np.float64
-    )
+    scaled = scale[:, None] * H * scale
+    scaled.flat[:: len(H) + 1] += RIDGE
+    return scaled, scale
 
 
 def inverse_and_condition(H: Array) -> tuple[Array, float]:

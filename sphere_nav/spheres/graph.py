@@ -125,18 +125,18 @@ class SphereGraph:
         if not self._nodes:
             return []
         distances, ids = self._distances(point)
+        if distances.size > count:  # those at the same distance as the last one, too
+            max_distance_m = min(max_distance_m, float(np.partition(distances, count - 1)[count - 1]))
         rows = np.flatnonzero(distances <= max_distance_m)
-        if rows.size > count:  # those at the same distance as the last one, too
-            rows = rows[distances[rows] <= np.partition(distances[rows], count - 1)[count - 1]]
-        order = np.lexsort((ids[rows], distances[rows]))[:count]
-        return [self._nodes[int(ids[row])] for row in rows[order]]
+        nearest = rows[np.argsort(distances[rows], kind="stable")][:count]
+        return [self._nodes[one] for one in ids[nearest].tolist()]
 
     def near(self, point: ArrayLike, distance_m: float) -> list[KeySphere]:
         """Return all key spheres within a distance of a point (3,) of the map, by id."""
         if not self._nodes:
             return []
         distances, ids = self._distances(point)
-        return [self._nodes[node_id] for node_id in sorted(ids[distances <= distance_m].tolist())]
+        return [self._nodes[node_id] for node_id in ids[distances <= distance_m].tolist()]
 
     def with_poses(self, poses: Mapping[int, SE3]) -> SphereGraph:
         """Return the same graph with other poses T_map_sphere of some key spheres; the others cost next to nothing."""
@@ -169,10 +169,10 @@ class SphereGraph:
         self._index = None
 
     def _distances(self, point: ArrayLike) -> tuple[Array, Integers]:
-        """Return the distance of every key sphere from a point (3,), and the ids; half a millisecond for 10,000."""
+        """Return the distance of every key sphere from a point (3,), and the ids in their order."""
         if self._index is None:
-            ids = np.array(list(self._nodes), dtype=np.int64)
-            self._index = np.array([node.T_map_sphere.translation for node in self]), ids
+            ids = np.array(sorted(self._nodes), dtype=np.int64)
+            self._index = np.array([self._nodes[one].T_map_sphere.translation for one in ids.tolist()]), ids
         positions, ids = self._index
         apart = positions - np.asarray(point, dtype=np.float64)
         return np.sqrt(np.einsum("ij,ij->i", apart, apart)), ids

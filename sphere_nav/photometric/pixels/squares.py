@@ -48,13 +48,13 @@ class Squares:
         cones, self._order = cones_of(camera), curve(camera.width, camera.height)
         self.bounds = empty_to_keep((len(cones), 4), np.float32)
         self.num_pixels = int(kernels.bound_squares(ranges, kernels.RANGES, self._far, pad, cones, self.bounds))
+        self._own_bytes = image.nbytes + ranges.nbytes + self.bounds.nbytes
         self._made = Made.nothing(len(cones))
 
     @property
     def num_bytes(self) -> int:
         """Memory that the level takes now."""
-        arrays = self._image, self._ranges, self.bounds, self._made.pool, self._made.keys
-        return sum(array.nbytes for array in arrays)
+        return self._own_bytes + self._made.pool.nbytes + self._made.keys.nbytes
 
     def near(self, T_camera_reference: SE3, camera: Camera, *, is_thinned: bool = False) -> Seen:
         """Return the squares that a camera may see, along a curve on which neighbours stay together.

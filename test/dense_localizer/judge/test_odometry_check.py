@@ -71,6 +71,15 @@ def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed(
     assert findings[-1].reason is Reason.NONE
 
 
+def test_a_place_that_is_again_where_odometry_says_is_believed_at_once():
+    drive, wrong = Drive(4), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        drive.step()
+    disputed = [drive.step(is_trusted=False, T_error=wrong).reason for _ in range(4)]
+    assert disputed == [Reason.ODOM_STALE] * 4
+    assert [drive.step(is_trusted=False).reason for _ in range(4)] == [Reason.NONE] * 4
+
+
 @pytest.mark.parametrize(("sigmas", "is_disputed"), [(5.9, False), (6.1, True)])
 def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, is_disputed):
     """Both places err by their covariance, a comparison by 5 mm, 2 mrad at least."""

@@ -24,7 +24,7 @@ RIVAL_SCALE = 0.6
 ROOM_M = 8.0
 
 SLIP = Verdict(Reason.JUMP_REJECTED)
-EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
+EDGE, SIDE, NUM_HEADINGS, RATE, SIGMA = 0.5, 40, 36, 1e-3, 0.6
 
 
 def seen(T_odom_level=None, finding=FINE, **flags):
@@ -68,20 +68,23 @@ class Images:
 
 def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
     sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, extent_m=ROOM_M)
-    p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure)
+    p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure, SIGMA)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
-    assert chances_of_place(np.array([18.0, 15.0]), sure) == (p_elsewhere, pytest.approx(np.exp(-3.0 / RIVAL_SCALE)))
+    by_rival = pytest.approx(np.exp(-3.0 / RIVAL_SCALE))
+    assert chances_of_place(np.array([18.0, 15.0]), sure, SIGMA) == (p_elsewhere, by_rival)
     # what many images add up to says less
     later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, extent_m=ROOM_M)
-    assert chances_of_place(np.array([18.0, 9.0]), later)[0] > 10.0 * p_elsewhere
+    assert chances_of_place(np.array([18.0, 9.0]), later, SIGMA)[0] > 10.0 * p_elsewhere
     alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, extent_m=ROOM_M)  # a room is its own mirror image
-    assert chances_of_place(np.array([18.0, 9.0]), alike)[0] > 0.01
-    assert chances_of_place(np.array([7.5, 1.0]), sure) == (1.0, 1.0)
+    assert chances_of_place(np.array([18.0, 9.0]), alike, SIGMA)[0] > 0.01
+    assert chances_of_place(np.array([7.5, 1.0]), sure, SIGMA) == (1.0, 1.0)
     one_room = replace(sure, mirrored=14.0, turned=1.0, extent_m=0.9 * ROOM_M)  # any room of that size fits
-    assert chances_of_place(np.array([18.0, 9.0]), one_room) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
-    assert chances_of_place(np.array([18.0, 9.0]), replace(one_room, extent_m=ROOM_M))[0] < RATE
-    assert chances_of_place(np.array([20.0]), sure) == (1.0, 1.0)  # no rival
+    assert chances_of_place(np.array([18.0, 9.0]), one_room, SIGMA) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
+    assert chances_of_place(np.array([18.0, 9.0]), replace(one_room, extent_m=ROOM_M), SIGMA)[0] < RATE
+    assert chances_of_place(np.array([20.0]), sure, SIGMA) == (1.0, 1.0)  # no rival
+    wide, narrow = (chances_of_place(np.array([18.0, 9.0]), sure, sigma)[0] for sigma in (2 * SIGMA, SIGMA))
+    assert wide == pytest.approx(narrow**0.25)
 
 
 def drive(count):
@@ -98,7 +101,7 @@ def test_images_of_another_place_are_chance():
     _, odometry = drive(6)
     found = []
     for trial in range(4):
-        evidence = Evidence(grid, RATE)
+        evidence = Evidence(grid, RATE, SIGMA)
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
@@ -186,7 +189,7 @@ def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
 
 def place_given():
     grid = grid_of(15)
-    evidence = Evidence(grid, RATE)
+    evidence = Evidence(grid, RATE, SIGMA)
     evidence.reset(is_given=True)
     return evidence, grid, np.array([4.0, 3.0, 0.0])
 
@@ -214,7 +217,7 @@ def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     grid = grid_of()
-    evidence, pose, away = Evidence(grid, RATE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
+    evidence, pose, away = Evidence(grid, RATE, SIGMA), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
 
     def doubts(seeds, place):
         return [evidence.prove(Images(grid, s, place, 9.0), pose, seen(), is_held=True).p_chance for s in seeds]
@@ -225,7 +228,7 @@ def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
 
 def test_a_held_place_is_doubted_after_a_contradiction_until_images_confirm_it_as_they_do_a_start():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
-    evidence = Evidence(grid, RATE)
+    evidence = Evidence(grid, RATE, SIGMA)
 
     def doubts(place, first, images):
         for number, image in enumerate(images, first):
@@ -242,7 +245,7 @@ def test_a_contradiction_counts_as_the_worst_image_of_a_held_place():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
 
     def chance(finding):
-        evidence = Evidence(grid, RATE)
+        evidence = Evidence(grid, RATE, SIGMA)
         return evidence.prove(Images(grid, 0, None), pose, seen(finding=finding), is_held=True).p_chance
 
     assert chance(SLIP) > 2.0 * chance(FINE)
@@ -250,7 +253,7 @@ def test_a_contradiction_counts_as_the_worst_image_of_a_held_place():
 
 def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
-    evidence = Evidence(grid, RATE)
+    evidence = Evidence(grid, RATE, SIGMA)
     evidence.prove(Images(grid, 0, pose, 9.0), pose, seen(), is_held=True)
     lost = evidence.prove(Images(grid, 1, None), pose, seen(finding=SLIP, is_known=False), is_held=True)
     assert evidence.is_on_trial
@@ -269,5 +272,5 @@ def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
         assert (row >= 0) == is_inside
         if is_inside:
             np.testing.assert_allclose(grid.positions[row], position)
-    proof = Evidence(grid, RATE).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
+    proof = Evidence(grid, RATE, SIGMA).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
     assert 0.0 <= proof.p_chance < 0.5

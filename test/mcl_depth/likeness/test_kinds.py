@@ -27,6 +27,11 @@ def observe(site, pose, number):
     return Observation(image, camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*pose))
 
 
+def test_what_was_learned_deviates_more_by_chance(site):
+    edges = Site(room(), PANORAMA, 1.2, build(FilterParams, SETTINGS | {"likeness.kind": "gradients"}), is_ready=False)
+    assert [one.filter().evidence._chance_sigma for one in (site, edges)] == [0.9, 0.6]
+
+
 def test_a_place_is_recovered_from_nowhere(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
