@@ -43,7 +43,7 @@ def test_one_executor_calls_the_callbacks_of_nodes() -> None:
     assert users == ["sphere_nav/ros/executor.py"]
 
 
-MAX_PAGE, MAX_LAUNCH = 150, 80  # a page: what must be read in one go
+MAX_PAGE = 150  # a page: what must be read in one go
 MAX_FOLDER = 20  # files
 MAX_FUNCTION, MAX_KERNEL = 40, 60
 READ_FIRST = {"mapper.py", "localizer.py", "filter.py", "follower.py"}
