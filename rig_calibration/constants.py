@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_proof)
+FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_quality, drive/test_proof)
 
 # Corners in an image (boards/test_chessboard, test_charuco)
 HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
@@ -41,7 +41,7 @@ HELD_OUT_EVERY = 4  # every how many instants one is held out to judge by (board
 MIN_FITTING = 0.5  # of its corners that must fit for a view to count at all
 FLOOR_RATIO = 3.0  # a view is left out from this multiple of MIN_RESIDUAL_PX on, whatever the others are like
 
-# What the images do not tell (boards/test_observability, test_agreement, test_report)
+# What the images do not tell (boards/test_observability, test_quality, test_report)
 OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
 MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: beyond, it is worth a warning
