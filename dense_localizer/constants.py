@@ -51,7 +51,7 @@ PIXELS_AGE = 0.05  # of the image's width: motion after which pixels are chosen 
 PIXELS_LEAD_S, PIXELS_LEAD = 0.1, 0.075  # where pixels are chosen: s ahead, at most that share of the width
 MIN_SPHERES = 3  # prepared whatever they take: two in use, and the next
 
-# Errors of the map (references/test_map_error, test_drift). The factors of mean squares were chosen on the first
+# Errors of the map (references/test_map_error, test_motion_prior). The factors of mean squares were chosen on the first
 # half of real hand-held images, so that NEES is 1 on the second.
 MAP_ERROR_RATIOS = np.geomspace(1e-4, 1e4, 49)  # variances thought possible, by the assumed one
 SHARED_ERROR = 2.0  # factor of what key spheres disagree by: they err together, too

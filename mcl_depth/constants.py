@@ -19,7 +19,7 @@ MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, where
 STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
 UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
 
-# Particles, N17 section III-C (belief/test_resampling, test_sampling, test_filter_parts)
+# Particles, N17 section III-C (belief/test_resampling, test_filter_parts)
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
 MIN_PARTICLES = 300  # of a belief in one place
 KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
@@ -36,7 +36,7 @@ NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
 MOVED_SHARE = 0.9  # of them, where another place is proven
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
-# Hypotheses (belief/test_hypotheses, test_lineage)
+# Hypotheses (belief/test_hypotheses)
 CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
 MAX_HYPOTHESES = 5  # places that are told
 MAX_LINEAGE = 5000  # images that are remembered; old ones have one particle left that has offspring

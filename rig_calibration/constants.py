@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_proof)
+FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_quality, drive/test_proof)
 
 # Corners in an image (boards/test_chessboard, test_charuco)
 HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
@@ -19,7 +19,7 @@ REFINEMENT = (3, 50, 1e-3)  # of a corner by OpenCV: at most so many steps, or (
 BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
-# Start of one camera (test_calibrate, test_adjustment): pixels per radian on its axis by the image's width
+# Start of one camera (test_calibrate, boards/test_bundle): pixels per radian on its axis by the image's width
 FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15)}
 FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni", "ocam"), np.geomspace(0.12, 1.2, 13))
 MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
@@ -29,7 +29,7 @@ MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
 
-# Bundle adjustment and false corners (test_adjustment, boards/test_rejection)
+# Bundle adjustment and false corners (boards/test_bundle, test_rejection)
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
 MIN_GAIN = 1e-10  # part of the cost that a step must gain to go on
 MAX_ROUNDS = 8  # of leaving corners out
@@ -41,15 +41,15 @@ HELD_OUT_EVERY = 4  # every how many instants one is held out to judge by (board
 MIN_FITTING = 0.5  # of its corners that must fit for a view to count at all
 FLOOR_RATIO = 3.0  # a view is left out from this multiple of MIN_RESIDUAL_PX on, whatever the others are like
 
-# What the images do not tell (boards/test_observability, test_agreement, test_report)
+# What the images do not tell (boards/test_observability, test_quality, test_report)
 OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
 MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: beyond, it is worth a warning
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 
-# Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
+# Whether images are good (boards/test_quality, test_detect; chosen on five drawn sets of each flaw)
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
-SAMPLED_PX2 = 0.45  # variance in px^2 that samples of whole pixels add to that of an edge (test_sharpness)
+SAMPLED_PX2 = 0.45  # variance in px^2 that samples of whole pixels add to that of an edge (boards/test_detect)
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
 MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised

@@ -19,7 +19,7 @@ EXPECTED_FLOOR = (0.05, 0.03)  # least standard deviations of an expectation
 EXPECTED_GATE = 4.0  # standard deviations that an alignment may be away: 1 in 16,000, were they Gaussian
 SHARP = (0.2, 0.1)  # standard deviations above which being expected proves nothing
 
-# Rolling shutter (test_unrolling)
+# Rolling shutter (test_tracking)
 MAX_PASSES = 3  # alignments of one sphere; each leaves about half of the error of the velocity
 STILL = 0.01  # m/s and rad/s, a change of velocity that warps nothing: 0.1 px of 500 px/rad in 20 ms
 

@@ -29,7 +29,7 @@ NUM_INSTANTS = 8  # that the falloff is estimated from
 HIGHLIGHTS = (99.0, 250.0)  # percentile of an image, and the grey level up to which a gain may raise it
 MIN_FALLOFF = 0.01  # below which an image is left as it is
 
-# Falloff of lenses, Goldman 2010 (light/test_vignetting); deviations before anything is seen
+# Falloff of lenses, Goldman 2010 (light/test_light); deviations before anything is seen
 FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
 LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
 LEAST_COEFFICIENT = -2.0  # of the polynomial: no lens loses more light
@@ -119,7 +119,7 @@ MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trus
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
-EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_plausibility)
+EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_semi_global)
 ORDER_COLUMNS = 320  # px, at which the order is looked at
 
 # Sweep on the sphere, chosen in towns 61 and 62 and rooms 1 and 2 of `range_classes` (range/test_sweep)
@@ -164,7 +164,7 @@ OTHER_LENS = (0.4, 1.4)  # share of matches that fit another lens, and by those 
 OTHER_CAMERAS = (100, 0.3)  # matches of which no larger share fits the rig file: the images are of other cameras
 OTHER_DISTORTIONS = {"pinhole": (-0.3, -0.15, 0.0, 0.1), "fisheye": (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)}  # first ones
 
-# A rig corrected by its images, M15 section 4.3.1 (range/test_rectification, range/test_rig_adjustment)
+# A rig corrected by its images, M15 section 4.3.1 (range/test_rectification)
 POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
 RECTIFY_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed: at first half may be wrong matches
 RECTIFY_SIFT = {"nfeatures": 5000, "contrastThreshold": 0.015}  # of a camera
@@ -196,7 +196,7 @@ ROW_FLOOR_PX = 0.03  # standard deviation that no number of corners lowers: patc
 ROW_PRIOR_PX = 10.0  # standard deviation of each coefficient before anything is seen
 ROW_SIGMAS = 4.0  # from which on a correction is made: 6e-5 by chance
 
-# Disparities of a pair, by a drive (stereo/test_corner_tracks, stereo/test_patches, stereo/test_track_fit)
+# Disparities of a pair, by a drive (stereo/test_corner_tracks, stereo/test_track_fit)
 MIN_VIEWS, NUM_VIEWS = 2, 4  # instants that a corner is followed through, as far as it is seen
 NEAR_DISPARITY_PX, MAX_OFF_ROW_PX = 2.0, 1.5  # of a corner: least disparity, and distance of its rows
 MIN_TRACKS = 40  # in an instant of a window

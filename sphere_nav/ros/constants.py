@@ -35,7 +35,7 @@ FIRST_IMAGE_S = 2.0  # without any image before it is said
 NUM_COUNTED, MAX_LOST_SHARE = 20, 0.2  # images over which losses are counted; share of them, before it is said
 OFFER_PERIOD_NS = 1_000_000_000  # between two poses of a peer that start a search
 
-# Topics (test_subscription, test_compositions, test_remapping)
+# Topics (test_subscription, test_compositions, test_site_file)
 ABSOLUTE = ("/tf", "/tf_static", "/clock")  # would be shared by all vehicles of a domain, and are renamed for all nodes
 SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publish it, at 1 Hz or faster
 

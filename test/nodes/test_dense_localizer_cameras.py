@@ -98,7 +98,7 @@ class Bench:
 
 def assert_near(answer, truth):
     T_map_base, covariance = pose_with_covariance_to_se3(answer["/pose"], "map")
-    assert T_map_base.distance(truth) < (MAX_M, MAX_RAD)
+    assert np.all(np.less(T_map_base.distance(truth), (MAX_M, MAX_RAD)))
     assert np.all(np.linalg.eigvalsh(covariance) > 0)
 
 

@@ -1,7 +1,6 @@
 """Readers that misbehave, for a process of their own."""
 
 import os
-import sys
 import time
 from pathlib import Path
 
@@ -28,12 +27,6 @@ def abort(path: Path) -> np.ndarray:
 def unpack(path: Path) -> np.ndarray:
     """Ask for more memory than allowed."""
     return np.ones(UNPACKED, np.uint8)
-
-
-def talk(path: Path) -> np.ndarray:
-    """Write a lot, and fail as nobody expects."""
-    sys.stderr.write("x" * (1 << 20))
-    raise KeyError(path)
 
 
 def wait(path: Path) -> np.ndarray:

@@ -40,7 +40,7 @@ def test_a_start_from_nowhere_is_found_in_another_light(references):
         result = search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
     assert result.candidate is not None
     assert result.candidate.is_by_parts
-    assert result.candidate.T_map_camera.distance(pose) < (0.03, 0.01)
+    assert np.all(np.less(result.candidate.T_map_camera.distance(pose), (0.03, 0.01)))
 
 
 def test_edges_say_at_which_heading_to_try_the_sphere_and_before_and_behind_it_and_the_next_likely_one(references):

@@ -6,8 +6,9 @@ import pytest
 
 from sphere_mapping.graph import tracking
 from sphere_mapping.graph.both_ways import ONE_WAY
+from sphere_mapping.graph.motion import DriveMotion, Placed
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
+from sphere_mapping.graph.tracking import INNOVATION, SphereTracker, align_unrolled
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -178,3 +179,32 @@ def test_the_first_motion_of_a_drive_may_be_any():
     found = tracker.align(prepared(FAR, 1), None, graph)
     assert found.is_converged
     assert found.T_world_camera.distance(FAR)[0] < 0.02
+
+
+MAX_PASSES = 3
+
+TRUTH = np.array([0.3, 0.0, 0.1, 0.0, 0.2, 0.5])  # per second
+SHARE = 0.4  # of an error of the velocity comes back as an error of the pose
+
+
+def aligned(start, is_converged=True):
+    """Align a sphere that a wrong velocity bends; return the velocities it was bent by."""
+    prior, used = DriveMotion(), []
+    prior.update(Placed(0, SE3.exp(-0.1 * start)))
+    prior.update(Placed(PERIOD_NS, SE3.identity()))
+
+    def align(current):
+        used.append(current.sphere)
+        T = SE3.exp((TRUTH + SHARE * (current.sphere - TRUTH)) * 0.1)
+        return SimpleNamespace(is_converged=is_converged, T_world_camera=T)
+
+    align_unrolled(lambda velocity: velocity, 2 * PERIOD_NS, prior, align)
+    return used
+
+
+def test_each_pass_takes_part_of_the_error_away():
+    used = aligned(np.zeros(6))
+    errors = [np.linalg.norm(velocity - TRUTH) for velocity in used]
+    assert len(used) == MAX_PASSES
+    assert np.all(np.diff(errors) < 0)
+    assert np.isclose(errors[-1] / errors[0], SHARE ** (MAX_PASSES - 1))

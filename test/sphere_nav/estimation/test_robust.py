@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.estimation.gates import squared_distance, squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights, huber_weights, median_and_mad, weigh
-from sphere_nav.geometry import SE3
 
 CAUCHY, HUBER = 2.385, 1.345  # written out: imported, a change would go unseen
 
@@ -37,13 +35,3 @@ def test_weigh_divides_by_the_variance_of_the_middle_half():
     assert weight.max() == pytest.approx(1.0 / sigma**2)
     assert weight[-1] == pytest.approx(HUBER * sigma / (1e4 - np.median(residual)) / sigma**2)
     assert weigh(np.zeros(9), HUBER, 0.5)[1] == 0.5
-
-
-def test_poses_are_apart_by_the_tangent_vector_in_the_axes_of_the_first(rng):
-    T_a, xi = SE3.exp(rng.normal(size=6)), 0.1 * rng.normal(size=6)
-    covariance = np.diag([4.0, 1.0, 1.0, 0.25, 1.0, 1.0])
-    there = squared_distance(T_a, T_a @ SE3.exp(xi), covariance)
-    assert there == pytest.approx(squared_mahalanobis(xi, covariance))
-    assert squared_distance(SE3.exp(rng.normal(size=6)) @ T_a, T_a @ SE3.exp(xi), covariance) > 4.0 * there
-    moved = SE3.exp(rng.normal(size=6))  # another frame of the map changes nothing
-    assert squared_distance(moved @ T_a, moved @ T_a @ SE3.exp(xi), covariance) == pytest.approx(there)

@@ -17,17 +17,13 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, se3_to_odometry, se3_to_transform
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.main import main
+from worlds.commands import call
 from worlds.rig import seen, vertical_rig
 
 START, STEP = 1_000_000_000, 100_000_000
 SETTINGS = ("--set-stitcher", "stitch.width=256")
 NUM_INSTANTS = 3
 WAY = 0.3  # m between them
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 def write_images(bag, images, stamp):

@@ -7,8 +7,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import plot_figure
+from worlds.commands import call
 from worlds.recordings import write_bag
 
 SECOND = 10**9
@@ -37,10 +37,6 @@ def drive(tmp_path):
     truth = Trajectory(stamps, SE3(np.stack([place(number).matrix for number in range(6)])))
     write_tum(tmp_path / "truth.tum", truth)
     return tmp_path
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 @pytest.mark.slow

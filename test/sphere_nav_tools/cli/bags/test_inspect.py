@@ -10,7 +10,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
-from sphere_nav_tools.cli.main import main
+from worlds.commands import call
 from worlds.copies import REALSENSE, copy_bag
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, stamp, stereo, write_bag
 
@@ -29,10 +29,6 @@ def unregistered(number):
     yield "depth/camera_info", camera_to_info(DEPTH_CAMERA, late, DEPTH_FRAME)
     lens = se3_to_transform(T_IMAGE_DEPTH, stamp(number), FRAME, DEPTH_FRAME)
     yield "tf_static", TFMessage(transforms=[lens])
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import header
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
+from worlds.commands import call
 from worlds.localizer import make_map
 from worlds.recordings import (
     BASELINE,
@@ -59,12 +59,8 @@ def bags(tmp_path_factory):
 def room_map(bags, tmp_path_factory):
     output = tmp_path_factory.mktemp("maps") / "room"
     words = ["map", bags["rgbd"], "-o", output, "--anchor", "truth", "--set", "mapper.key.max_parallax=0.02"]
-    assert main([str(word) for word in words]) == 0
+    assert call(*words) == 0
     return output
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 @pytest.mark.slow

@@ -12,17 +12,13 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.importing import spherical
 from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.spherical import T_BODY_RIG
+from worlds.commands import call
 from worlds.rig import WAVES
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 def headers(path):

@@ -20,9 +20,9 @@ from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from sphere_nav_tools.offline.mapping.thinning import thin_map
+from worlds.commands import call
 from worlds.maps import load_all
 from worlds.room import sharp_room
 
@@ -31,10 +31,6 @@ SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
 ALL_KEPT = ("--set", "mapper.key.merge=false")
 EAST = [SE3.from_planar(-2.0 + 0.35 * k, 0.2, 0.0) for k in range(4)]
 WEST = [SE3.from_planar(-0.05 - 0.35 * k, -0.2, np.pi) for k in range(4)]  # the other way, half of it the same
-
-
-def call(*words):
-    return main([str(word) for word in words])
 
 
 def write_drive(path, room, poses, start):
