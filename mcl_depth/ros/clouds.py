@@ -73,10 +73,13 @@ class GeometryLoader:
             self._log.warning(warning)
 
     def _find_system(self, name: str) -> Degrees | None:
-        crs = self._declared.survey.crs
-        if crs == "auto" and not (crs := declared_crs(Path(name))):
+        told = self._declared.survey.crs
+        crs = declared_crs(Path(name)) if told == "auto" else told or None
+        if crs is not None:
+            return degrees_of(crs)
+        if told:
             self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
-        return degrees_of(crs) if crs else None
+        return None
 
     def tell_fix(self, estimate: BaseEstimate, stamp_ns: int) -> None:
         """Publish where on Earth a pose of the base is; its height is that of the survey."""
