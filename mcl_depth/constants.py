@@ -93,7 +93,6 @@ SHARP_M = 0.1  # standard deviation by images up to which they confirm a standst
 MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
 IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
 MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
-MAX_SCALE_ERROR, SCALE_WAY_M = 0.02, 30.0  # of a map; m driven before it is judged
 MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)

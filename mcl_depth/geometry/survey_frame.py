@@ -62,34 +62,30 @@ def find_frame(
 
     ValueError where the coordinates are degrees, or nothing stands on the ground.
     """
-    finite = points[np.isfinite(points).all(axis=1)]
     given = _read_origin(params.origin)
+    finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return SurveyFrame()
     if not is_mesh:
         refuse_stray(finite, name)
     low, high = finite.min(axis=0).astype(np.float64), finite.max(axis=0).astype(np.float64)
-    sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
     is_large = len(finite) >= MIN_POINTS
     unit, why = (params.unit, "as was set") if params.unit != "auto" else (declared, "as the file declares")
     if not unit:
         unit, why = _guess_unit(finite, low, high, name) if is_large else ("m", "")
-    up = params.up
-    if up == "auto":
-        up = _find_up(METERS[unit] * sample) if is_large and not is_mesh else "z"
-    frame = SurveyFrame(unit, up)
+    up = "z" if params.up == "auto" else params.up
     if is_large and not is_mesh:
-        _refuse_plain(frame.turn(sample), name)
-    corners = frame.turn(np.array([low, high]))
-    origin = _find_origin(corners) if given is None and is_large else given
+        sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
+        up = _find_up(METERS[unit] * sample) if params.up == "auto" else up
+        _refuse_plain(SurveyFrame(unit, up).turn(sample), name)
+    corners = SurveyFrame(unit, up).turn(np.array([low, high]))
+    origin = given if given is not None else _find_origin(corners) if is_large else np.zeros(3)
     words = [] if unit == "m" else [f"taken as {unit} ({why})"]
     if up == "y":
         words.append(f"y is up ({'as was set' if params.up == 'y' else 'the ground lies across it'})")
-    if origin is not None and origin.any():
+    if origin.any():
         words.append("its origin is E,N,H = " + ",".join(f"{value:.12g}" for value in origin) + " m")
-    if not words:
-        return SurveyFrame()
-    return SurveyFrame(unit, up, np.zeros(3) if origin is None else origin, f"{name}: " + "; ".join(words))
+    return SurveyFrame(unit, up, origin, f"{name}: {'; '.join(words)}" if words else "")
 
 
 def _find_origin(corners: Array) -> Array:
