@@ -43,13 +43,18 @@ def read_geometry(path: str | Path, survey: SurveyParams | None = None, limits: 
     tiles = sorted(file for file in path.iterdir() if file.suffix.lower() in TILE_ENDINGS) if path.is_dir() else [path]
     if not tiles:
         raise ValueError(f"{path}: expected tiles ({', '.join(TILE_ENDINGS)}), found none")
+    return _read_tiles(path, tiles, survey, limits)
+
+
+def _read_tiles(path: Path, tiles: list[Path], survey: SurveyParams, limits: Array | None) -> Geometry:
+    """Return the points of all tiles as one cloud, or the mesh that the only one is."""
     kept, units, total = Thinner(), dict[str, Path](), 0
     for tile in tiles:
         unit = survey.unit if survey.unit != "auto" else declared_unit(tile)
         box = survey_box(survey, limits, unit)
         points, triangles = _read_points(tile, box)
         if len(triangles) and tile is path:
-            frame = find_frame(points, survey, str(path), unit, is_mesh=True)
+            frame = find_frame(points, survey, str(path), is_mesh=True)
             return _in_frame(mesh_from_faces(frame.apply(points), triangles, str(path)), frame)
         total += read_header(tile).point_count if tile.suffix.lower() in LAS_ENDINGS else len(points)
         kept.add(points if box is None else points[in_box(points, box)])
@@ -98,17 +103,12 @@ def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray
         case ".las" | ".laz":
             return read_las(path, box), nothing
         case ".e57":
-            return _read_e57(path), nothing
+            memory, seconds = E57_BYTES + E57_RATIO * path.stat().st_size, E57_S + path.stat().st_size / 1e6
+            return read_isolated(read_scans, path, memory, seconds), nothing
         case ".npy":
             return _read_npy(path), nothing
         case other:
             raise ValueError(f"{path}: expected a file {', '.join(ENDINGS)}, found {other or 'no ending'}")
-
-
-def _read_e57(path: Path) -> NDArray[np.float64]:
-    size = path.stat().st_size
-    points: NDArray[np.float64] = read_isolated(read_scans, path, E57_BYTES + E57_RATIO * size, E57_S + size / 1e6)
-    return points
 
 
 def read_scans(path: Path) -> NDArray[np.float64]:

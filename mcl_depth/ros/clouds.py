@@ -73,11 +73,12 @@ class GeometryLoader:
 
     def _find_system(self, name: str) -> Degrees | None:
         told = self._declared.survey.crs
-        crs = declared_crs(Path(name)) if told == "auto" else told or None
-        if crs is not None:
+        if told != "auto":
+            return degrees_of(told) if told else None
+        crs = declared_crs(Path(name))
+        if crs is not None and crs.is_projected:
             return degrees_of(crs)
-        if told:
-            self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
+        self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
         return None
 
     def tell_fix(self, estimate: BaseEstimate, stamp_ns: int) -> None:
