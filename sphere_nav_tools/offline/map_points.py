@@ -100,17 +100,16 @@ class Datum:
     @cached_property
     def _to_degrees(self) -> Transformer:
         """From metres east, north and up to longitude and latitude in degrees, and height in m, on the ellipsoid."""
-        return Transformer.from_pipeline(
-            f"proj=pipeline step inv proj=topocentric ellps=WGS84 lat_0={self.latitude!r} lon_0={self.longitude!r}"
-            " step inv proj=cart ellps=WGS84 step proj=unitconvert xy_in=rad xy_out=deg"
-        )
+        here = f"step inv proj=topocentric ellps=WGS84 lat_0={self.latitude!r} lon_0={self.longitude!r}"
+        degrees = "step inv proj=cart ellps=WGS84 step proj=unitconvert xy_in=rad xy_out=deg"
+        return Transformer.from_pipeline(f"proj=pipeline {here} {degrees}")
 
     def locate(self, T_map_any: SE3) -> list[float]:
         """Return longitude and latitude in degrees, and height in m, of a pose."""
         x, y, z = T_map_any.translation
         c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
-        *degrees, up = self._to_degrees.transform(s * x - c * y, c * x + s * y, z)
-        return [*(round(angle, DECIMALS) for angle in degrees), round(up, 4)]
+        longitude, latitude, height = self._to_degrees.transform(s * x - c * y, c * x + s * y, z)
+        return [round(longitude, DECIMALS), round(latitude, DECIMALS), round(height, 4)]
 
 
 def geojson(graph: SphereGraph, datum: Datum) -> str:

@@ -149,23 +149,23 @@ property list uchar int vertex_index
 property list uchar float texcoord
 end_header
 """
-VERTICES = [(9.5, 200, 1.0, 2.0), (0.0, 1, 4.0, 0.5), (1.0, 2, -3.0, 5.0), (2.0, 3, 7.0, 7.0), (0.5, 4, 0.0, 3.0)]
-ROWS = [(7, 4, 0, 1, 2, 3, 1, 0.5), (8, 3, 2, 3, 4, 0), (9, 2, 1, 0, 2, 0.5, -1.5)]  # flags, corners, texcoord
-KINDS = [
-    ("u1", "u1", "i4", "i4", "i4", "i4", "u1", "f4"),
-    ("u1", "u1", *["i4"] * 3, "u1"),
-    ("u1", "u1", "i4", "i4", "u1", "f4", "f4"),
-]
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_a_ply_holds_properties_in_any_order_and_polygons_beside_other_lists(tmp_path: Path, form: str) -> None:
-    body = rows_of(form, [(77,)], ["i4"]) + rows_of(form, VERTICES, ["f8", "u1", "f8", "f8"])
-    body += b"".join(rows_of(form, [row], kinds) for row, kinds in zip(ROWS, KINDS, strict=True))
+    vertices = [(9.5, 200, 1.0, 2.0), (0.0, 1, 4.0, 0.5), (1.0, 2, -3.0, 5.0), (2.0, 3, 7.0, 7.0), (0.5, 4, 0.0, 3.0)]
+    rows = [(7, 4, 0, 1, 2, 3, 1, 0.5), (8, 3, 2, 3, 4, 0), (9, 2, 1, 0, 2, 0.5, -1.5)]  # flags, corners, texcoord
+    kinds = [
+        ("u1", "u1", "i4", "i4", "i4", "i4", "u1", "f4"),
+        ("u1", "u1", *["i4"] * 3, "u1"),
+        ("u1", "u1", "i4", "i4", "u1", "f4", "f4"),
+    ]
+    body = rows_of(form, [(77,)], ["i4"]) + rows_of(form, vertices, ["f8", "u1", "f8", "f8"])
+    body += b"".join(rows_of(form, [row], kind) for row, kind in zip(rows, kinds, strict=True))
     head = f"ply\nformat {form} 1.0\n{HEAD}"
     (tmp_path / "m.ply").write_bytes(head.encode() + body)
     mesh = read_geometry(tmp_path / "m.ply")
-    np.testing.assert_allclose(mesh.points, [(x, y, z) for z, _, x, y in VERTICES])
+    np.testing.assert_allclose(mesh.points, [(x, y, z) for z, _, x, y in vertices])
     assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [2, 3, 4]]
     for name in ("texcoord", "corners"):
         (tmp_path / "m.ply").write_bytes(head.replace("vertex_index", name).encode() + body)
