@@ -24,16 +24,12 @@ EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles ca
 MIN_PARTICLES = 300  # of a belief in one place
 KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
 KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability: 99 %
-ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start (test_search)
 EXPONENT = 20.0  # lambda (N17 table I)
-MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
 CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
-SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
-MOVED_SHARE = 0.9  # of them, where another place is proven
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
 # Hypotheses (belief/test_hypotheses)
@@ -94,7 +90,6 @@ SHARP_M = 0.1  # standard deviation by images up to which they confirm a standst
 MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
 IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
 MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
-MAX_SCALE_ERROR, SCALE_WAY_M = 0.02, 30.0  # of a map; m driven before it is judged
 MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)

@@ -45,7 +45,6 @@ class Filter:
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
         self.particles: Particles
-        self._gap = area.step * np.sqrt(len(area.middles) / params.resampling.num_particles)  # between particles, m
         self.reset()
 
     def reset(self) -> None:
@@ -120,7 +119,7 @@ class Filter:
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
-        self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
+        self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
             self.particles = inject_at_places(self.particles, proof, self._rng)
         belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))

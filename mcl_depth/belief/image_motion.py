@@ -25,12 +25,10 @@ from mcl_depth.constants import (
     IMAGE_FORGETTING,
     IMAGE_SIGMA,
     MAX_REACH,
-    MAX_SCALE_ERROR,
     MAX_USUAL_WAYS,
     MIN_MOUNTING_ERROR,
     MIN_NCC,
     SAME_PLACE,
-    SCALE_WAY_M,
     SHARP_M,
     WHEEL_SIGMA,
 )
@@ -144,18 +142,15 @@ class ReconciledOdometry:
         """Forget the image: odometry is believed until two of them are compared."""
         self._images.reset()
         self._usual_ncc = self._usual_way = 0.0
-        self._fit: tuple[float, Array, Array] | None = None  # of the last image: correlation, both motions
-        self.scale = ScaleCheck(self._noise.way_share)
+        self._fit: tuple[float, float] | None = None  # of the last image: correlation, way in m
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
         """Measure from the last image on, levelled (H, W), at a pose (3,) of the map; None: no place is held."""
         self._reference = self._now
         if self._fit is not None:
-            share, (ncc, motion, seen) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
+            share, (ncc, way) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
             self._usual_ncc += share * (ncc - self._usual_ncc)
-            self._usual_way += share * (way_of(motion) - self._usual_way)
-            if ncc >= MIN_NCC:
-                self.scale.add(motion, seen)
+            self._usual_way += share * (way - self._usual_way)
         if pose is None:
             self._images.reset()
         else:
@@ -194,7 +189,7 @@ class ReconciledOdometry:
         if step is None:
             return FINE, motion, True, False
         if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
-            self._fit = step.ncc, motion, step.motion
+            self._fit = step.ncc, way
             return FINE, motion, True, False
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
@@ -207,39 +202,9 @@ class ReconciledOdometry:
             words, remedy = describe_difference(motion, step.motion)
             limit = float(np.sqrt(gate(3, 1e-4)))
             return Verdict(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
-        self._fit = step.ncc, motion, step.motion
+        self._fit = step.ncc, way
         is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
         return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp
-
-
-class ScaleCheck:
-    """Is the map as large as odometry says? Ways by images, whose range is the map's, against those of the wheels."""
-
-    def __init__(self, way_share: float) -> None:
-        self._way_share, self._product, self._square, self._fourth, self._way = way_share, 0.0, 0.0, 0.0, 0.0
-
-    def add(self, motion: Array, seen: Array) -> None:
-        """Add a motion (3,) by odometry and the same by the images."""
-        square = float(motion[:2] @ motion[:2])
-        self._product += float(motion[:2] @ seen[:2])
-        self._square += square
-        self._fourth += square**2
-        self._way += way_of(motion)
-
-    @property
-    def value(self) -> float:
-        """Size of the map by that of the world as odometry has it; 1 before `SCALE_WAY_M` were driven."""
-        return self._product / self._square if self._way >= SCALE_WAY_M else 1.0
-
-    @property
-    def warning(self) -> str:
-        """One line where the map is surely of another size; else empty."""
-        sigma = self._way_share * float(np.sqrt(self._fourth)) / max(self._square, 1e-9)
-        if abs(self.value - 1.0) < MAX_SCALE_ERROR + 2.0 * sigma:
-            return ""
-        found = f"found {self.value:.3f} +- {sigma:.3f} over {self._way:.0f} m"
-        bound = f"expected 1 within {MAX_SCALE_ERROR:g}"
-        return f"scale of the map by odometry: {bound}, {found}: check its unit, or the wheels"
 
 
 def describe_difference(motion: Array, seen: Array) -> tuple[str, str]:

@@ -87,11 +87,6 @@ class MotionModel:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
         return Step(motion, self.sigmas(motion))
 
-    @property
-    def way_share(self) -> float:
-        """Standard deviation of a way, as share of it."""
-        return self._params.way_share
-
     def sigmas(self, motion: Array, least: float | None = None) -> Array:
         """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m stands for `min_sigma`."""
         p, way, turn = self._params, way_of(motion), float(motion[2])

@@ -19,14 +19,10 @@ from mcl_depth.constants import (
     KLD_BIN,
     KLD_ERROR,
     KLD_Z,
-    MIN_EFFECTIVE_SHARE,
     MIN_PARTICLES,
-    MOVED_SHARE,
     NEW_SHARE,
     NEW_SIGMA,
     NUM_YOUNG,
-    ROUGHENING,
-    SEARCH_STEPS,
 )
 from mcl_depth.geometry.area import Area
 from sphere_nav.geometry import SE3, so3
@@ -60,27 +56,13 @@ def required_particles(bins: int, at_most: int) -> int:
     return int(np.clip(np.ceil(k / (2.0 * KLD_ERROR) * (1.0 - a + np.sqrt(a) * KLD_Z) ** 3), least, at_most))
 
 
-def resample(particles: Particles, at_most: int, rng: np.random.Generator, gap: float = 0.0) -> Particles:
-    """Draw anew where too few particles carry the belief (algorithm 2, line 22), as many as it needs (KLD).
-
-    `gap` m lay between the particles when they were spread; copies of young ones fill it.
-    """
+def resample(particles: Particles, at_most: int, rng: np.random.Generator) -> Particles:
+    """Draw anew where too few particles carry the belief (algorithm 2, line 22), as many as it needs (KLD)."""
     if particles.effective_size > EFFECTIVE_SHARE * len(particles):
         return particles
     draft = low_variance_indices(particles.weights, at_most, rng.random())
     count = required_particles(count_bins(particles.poses[draft]), at_most)
-    draft = low_variance_indices(particles.weights, count, rng.random())
-    return _roughen(particles.select(draft), ROUGHENING * gap, rng)
-
-
-def _roughen(particles: Particles, sigma: float, rng: np.random.Generator) -> Particles:
-    """Return the set with a spread of `sigma` m given to the positions of young particles."""
-    is_young = particles.ages <= NUM_YOUNG
-    if sigma <= 0.0 or not is_young.any():
-        return particles
-    poses = particles.poses.copy()
-    poses[is_young, :2] += sigma * rng.standard_normal((int(is_young.sum()), 2))
-    return particles.with_poses(poses)
+    return particles.select(low_variance_indices(particles.weights, count, rng.random()))
 
 
 def scale_similarities(similarities: Array) -> Array:
@@ -92,33 +74,10 @@ def scale_similarities(similarities: Array) -> Array:
 
 
 def compute_weights(similarities: Array, prior: Array) -> Array:
-    """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
-
-    One picture alone may not decide between places that look alike: lambda is lowered until MIN_EFFECTIVE_SHARE of
-    the particles carries the belief. Places off the map (s = 0) are not among them.
-    """
-    is_possible = similarities > 0.0
-    if is_possible.any():
-        prior = np.where(is_possible, prior, 0.0)
-    logs = np.log(np.maximum(scale_similarities(similarities), 1e-30))
-    exponent, wanted = EXPONENT, MIN_EFFECTIVE_SHARE * int(np.count_nonzero(is_possible))
-    if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:
-        low, high = 0.0, exponent
-        for _ in range(SEARCH_STEPS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if _effective(middle * logs, prior) > wanted else (low, middle)
-        exponent = low
-    return _normalize(exponent * logs, prior)
-
-
-def _normalize(logs: Array, prior: Array) -> Array:
-    result = prior * np.exp(logs - logs.max())
+    """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them."""
+    result = prior * scale_similarities(similarities) ** EXPONENT
     total = float(result.sum())
     return result / total if total > 0.0 else np.full(len(result), 1.0 / len(result))
-
-
-def _effective(logs: Array, prior: Array) -> float:
-    return float(1.0 / np.sum(_normalize(logs, prior) ** 2))
 
 
 def sample_uniform(area: Area, count: int, rng: np.random.Generator) -> Particles:
@@ -145,10 +104,9 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
 def inject_at_places(particles: Particles, proof: Proof, rng: np.random.Generator) -> Particles:
     """Return the set with a share of its particles, drawn by lot, put around the best places of the map.
 
-    A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings found there. Most are put to a
-    place that is proven: what the map's places tell is joint, what particles tell is of the last images.
+    A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings found there.
     """
-    count = int((MOVED_SHARE if proof.is_proven else NEW_SHARE) * len(particles))
+    count = int(NEW_SHARE * len(particles))
     poses = proof.poses[rng.choice(len(proof.poses), count, p=proof.shares)]
     poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
     poses[:, 2] = wrap_angle(poses[:, 2])

@@ -23,6 +23,7 @@ class Geometry:
     name: str = "cloud"
     warnings: tuple[str, ...] = ()
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # E, N, H in m of the survey at the origin of the map
+    map_id: str = ""  # of a map of key spheres
     triangles: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 3), np.int32))
 
     @property

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from mcl_depth.constants import MAX_COORDINATE_M
 from mcl_depth.geometry.cloud import Geometry, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
-from mcl_depth.geometry.las import count_las, read_las
+from mcl_depth.geometry.geodetic import declared_unit
+from mcl_depth.geometry.las import ENDINGS as LAS_ENDINGS
+from mcl_depth.geometry.las import read_header, read_las
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import points_of, read_ply
-from mcl_depth.geometry.survey_frame import SurveyFrame, declared_unit, find_frame, survey_box
+from mcl_depth.geometry.survey_frame import SurveyFrame, find_frame, survey_box
 from mcl_depth.geometry.tiles import Thinner, in_box
 from mcl_depth.params import SurveyParams
 from sphere_nav.geometry.arrays import Array
@@ -32,68 +34,56 @@ def read_geometry(path: str | Path, survey: SurveyParams | None = None, limits: 
     """Read .ply (points, or a mesh where there are faces), .pcd, .las, .laz, .npy (N, 3+), .e57, or a floor plan .csv.
 
     Points come in metres, z up, near the origin (`survey_frame.py`); what was done to them is among the warnings.
-    A folder is one of tiles. ValueError in one line where a file is damaged, absurd, empty, of another kind, or absent.
+    A folder is one of tiles, of which a map of `limits` (x0, y0, x1, y1) m may need a part. ValueError in one line
+    where a file is damaged, absurd, empty, of another kind, or absent.
     """
     path, survey = Path(path), survey or SurveyParams()
-    if path.is_dir():
-        return _read_tiles(path, survey, limits)
-    open_file(path, f"map ({', '.join(ENDINGS)})", MAX_ARRAY_BYTES).close()  # no FIFO, no device
     if path.suffix.lower() == ".csv":
         return read_floor_plan(path)
-    points, triangles = _read_points(path)
-    frame = find_frame(points, survey, str(path), declared_unit(path), is_mesh=len(triangles) > 0)
-    return _tell_share(_in_frame(points, triangles, frame, path), [path])
-
-
-def _in_frame(points: NDArray[np.floating], triangles: NDArray[np.int64], frame: SurveyFrame, path: Path) -> Geometry:
-    points, name = frame.apply(points), str(path)
-    made = mesh_from_faces(points, triangles, name) if len(triangles) else cloud_from_points(points, name)
-    notes = (*made.warnings, frame.words) if frame.words else made.warnings
-    return replace(
-        made, warnings=notes, origin=(float(frame.origin[0]), float(frame.origin[1]), float(frame.origin[2]))
-    )
-
-
-def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Geometry:
-    """Return the points of all tiles in a folder, as far as a map of `limits` (x0, y0, x1, y1) m needs them."""
-    kept, units = Thinner(), dict[str, Path]()
-    tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in TILE_ENDINGS)
+    tiles = sorted(file for file in path.iterdir() if file.suffix.lower() in TILE_ENDINGS) if path.is_dir() else [path]
     if not tiles:
-        raise ValueError(f"{folder}: expected tiles ({', '.join(TILE_ENDINGS)}), found none")
+        raise ValueError(f"{path}: expected tiles ({', '.join(TILE_ENDINGS)}), found none")
+    return _read_tiles(path, tiles, survey, limits)
+
+
+def _read_tiles(path: Path, tiles: list[Path], survey: SurveyParams, limits: Array | None) -> Geometry:
+    """Return the points of all tiles as one cloud, or the mesh that the only one is."""
+    kept, units, total = Thinner(), dict[str, Path](), 0
     for tile in tiles:
         unit = survey.unit if survey.unit != "auto" else declared_unit(tile)
         box = survey_box(survey, limits, unit)
-        points = _read_points(tile, box)[0]
+        points, triangles = _read_points(tile, box)
+        if len(triangles) and tile is path:
+            frame = find_frame(points, survey, str(path), is_mesh=True)
+            return _in_frame(mesh_from_faces(frame.apply(points), triangles, str(path)), frame)
+        total += read_header(tile).point_count if tile.suffix.lower() in LAS_ENDINGS else len(points)
         kept.add(points if box is None else points[in_box(points, box)])
         units.setdefault(unit, tile)
     if len(units) > 1:
-        (first, second), (one, other) = list(units)[:2], list(units.values())[:2]
+        (first, one), (second, other) = list(units.items())[:2]
         raise ValueError(
-            f"{folder}: tiles: expected one unit, found {first or 'none declared'} in {one.name}"
+            f"{path}: tiles: expected one unit, found {first or 'none declared'} in {one.name}"
             f" and {second or 'none declared'} in {other.name}; survey.unit says which"
         )
     points = kept.points()
-    made = _in_frame(
-        points, np.zeros((0, 3), np.int64), find_frame(points, survey, str(folder), next(iter(units))), folder
-    )
-    return _tell_share(made, tiles)
+    frame = find_frame(points, survey, str(path), next(iter(units)))
+    made = _in_frame(cloud_from_points(frame.apply(points), str(path)), frame)
+    if total > len(points):
+        made = replace(made, warnings=(*made.warnings, f"{path}: {len(points)} of {total} points, evenly over space"))
+    return made
 
 
-def _tell_share(made: Geometry, files: list[Path]) -> Geometry:
-    """Say how many of a survey's points are used, where those are not all."""
-    total = sum(count_las(path) for path in files if path.suffix.lower() in (".las", ".laz"))
-    if total <= len(made.points):
-        return made
-    return replace(
-        made, warnings=(*made.warnings, f"{made.name}: {len(made.points)} of {total} points, evenly over space")
-    )
+def _in_frame(made: Geometry, frame: SurveyFrame) -> Geometry:
+    notes = (*made.warnings, frame.words) if frame.words else made.warnings
+    return replace(made, warnings=notes, origin=tuple(frame.origin.tolist()))
 
 
-def _read_points(path: Path, box: Array | None = None) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+def _read_points(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
     """Return points (N, 3) as the file has them, and triangles (T, 3).
 
     Of a .las, only what lies within `box` (x0, y0, x1, y1). ValueError for a number that is no coordinate of the Earth.
     """
+    open_file(path, f"map ({', '.join(ENDINGS)})", MAX_ARRAY_BYTES).close()  # no FIFO, no device
     points, triangles = _parse(path, box)
     with np.errstate(invalid="ignore"):
         absurd = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1) & np.isfinite(points).all(axis=1))
@@ -113,17 +103,12 @@ def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray
         case ".las" | ".laz":
             return read_las(path, box), nothing
         case ".e57":
-            return _read_e57(path), nothing
+            memory, seconds = E57_BYTES + E57_RATIO * path.stat().st_size, E57_S + path.stat().st_size / 1e6
+            return read_isolated(read_scans, path, memory, seconds), nothing
         case ".npy":
             return _read_npy(path), nothing
         case other:
             raise ValueError(f"{path}: expected a file {', '.join(ENDINGS)}, found {other or 'no ending'}")
-
-
-def _read_e57(path: Path) -> NDArray[np.float64]:
-    size = path.stat().st_size
-    points: NDArray[np.float64] = read_isolated(read_scans, path, E57_BYTES + E57_RATIO * size, E57_S + size / 1e6)
-    return points
 
 
 def read_scans(path: Path) -> NDArray[np.float64]:

@@ -8,10 +8,7 @@ its origin. Whatever is done is said in one line.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
-from enum import IntEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +18,6 @@ from mcl_depth.constants import (
     LARGE_EXTENT_M,
     LEAST_STANDING,
     MAX_COORDINATE_M,
-    MAX_HEADER,
     MAX_LONELY,
     MIN_POINTS,
     ORIGIN_STEP_M,
@@ -32,23 +28,11 @@ from mcl_depth.constants import (
     UP_RATIO,
 )
 from mcl_depth.geometry.cloud import farthest_of, lonely_share
+from mcl_depth.geometry.geodetic import METERS
 from mcl_depth.params import SurveyParams
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
-METERS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0, "km": 1000.0, "mm": 0.001}
-NAMES = {"m": "metres", "ft": "feet", "us-ft": "US survey feet", "km": "kilometres", "mm": "millimetres"}
-EPSG_UNITS = {9001: "m", 9002: "ft", 9003: "us-ft", 9036: "km"}
 ROTATIONS = {"z": np.eye(3), "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
-
-
-class GeoKey(IntEnum):
-    """Numbers of GeoTIFF: of the record of a .las with its keys, and of those that are read."""
-
-    RECORD = 34735
-    PROJECTED = 3072  # the system
-    LINEAR_UNITS = 3076
-    VERTICAL_UNITS = 4099
 
 
 @dataclass(frozen=True)
@@ -66,7 +50,7 @@ class SurveyFrame:
 
     def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return points (N, 3) m of the map."""
-        return self.turn(points) - self.origin if self.words else np.asarray(points, np.float64)
+        return self.turn(points) - self.origin
 
 
 def find_frame(
@@ -78,34 +62,30 @@ def find_frame(
 
     ValueError where the coordinates are degrees, or nothing stands on the ground.
     """
-    finite = points[np.isfinite(points).all(axis=1)]
     given = _read_origin(params.origin)
+    finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return SurveyFrame()
     if not is_mesh:
         refuse_stray(finite, name)
     low, high = finite.min(axis=0).astype(np.float64), finite.max(axis=0).astype(np.float64)
-    sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
     is_large = len(finite) >= MIN_POINTS
     unit, why = (params.unit, "as was set") if params.unit != "auto" else (declared, "as the file declares")
     if not unit:
         unit, why = _guess_unit(finite, low, high, name) if is_large else ("m", "")
-    up = params.up
-    if up == "auto":
-        up = _find_up(METERS[unit] * sample) if is_large and not is_mesh else "z"
-    frame = SurveyFrame(unit, up)
+    up = "z" if params.up == "auto" else params.up
     if is_large and not is_mesh:
-        _refuse_plain(frame.turn(sample), name)
-    corners = frame.turn(np.array([low, high]))
-    origin = _find_origin(corners) if given is None and is_large else given
-    words = [] if unit == "m" else [f"taken as {NAMES[unit]} ({why})"]
+        sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
+        up = _find_up(METERS[unit] * sample) if params.up == "auto" else up
+        _refuse_plain(SurveyFrame(unit, up).turn(sample), name)
+    corners = SurveyFrame(unit, up).turn(np.array([low, high]))
+    origin = given if given is not None else _find_origin(corners) if is_large else np.zeros(3)
+    words = [] if unit == "m" else [f"taken as {unit} ({why})"]
     if up == "y":
         words.append(f"y is up ({'as was set' if params.up == 'y' else 'the ground lies across it'})")
-    if origin is not None and origin.any():
+    if origin.any():
         words.append("its origin is E,N,H = " + ",".join(f"{value:.12g}" for value in origin) + " m")
-    if not words:
-        return SurveyFrame()
-    return SurveyFrame(unit, up, np.zeros(3) if origin is None else origin, f"{name}: " + "; ".join(words))
+    return SurveyFrame(unit, up, origin, f"{name}: {'; '.join(words)}" if words else "")
 
 
 def _find_origin(corners: Array) -> Array:
@@ -130,39 +110,6 @@ def refuse_stray(points: NDArray[np.floating], name: str) -> None:
         raise ValueError(
             f"{name}: points: expected one place, found {1.0 - STRAY_SHARE:.1%} in a width of {found}: cut it off"
         )
-
-
-def declared_unit(path: Path) -> str:
-    """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys, or an .e57 has; else empty."""
-    if path.suffix.lower() == ".e57":
-        return "m"
-    head = read_las_head(path)
-    for name, factor in reversed(re.findall(rb'UNIT\["([^"]+)",\s*([0-9.eE+-]+)', head)):
-        if b"degree" not in name.lower():
-            return next((unit for unit, meters in METERS.items() if abs(float(factor) / meters - 1.0) < 1e-7), "")
-    keys = geo_keys(head)
-    return EPSG_UNITS.get(keys.get(GeoKey.LINEAR_UNITS, keys.get(GeoKey.VERTICAL_UNITS, 0)), "")
-
-
-def read_las_head(path: Path) -> bytes:
-    """Return what lies before the points of a .las or .laz, at most `MAX_HEADER`; nothing of another file."""
-    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
-        head = file.read(MAX_HEADER)
-    is_las = head[:4] == b"LASF" and len(head) >= 104
-    return head[: int.from_bytes(head[96:100], "little")] if is_las else b""
-
-
-def geo_keys(head: bytes) -> dict[int, int]:
-    """Return the GeoTIFF keys with a short value in the head of a .las; none where it has no record of them."""
-    place = head.find(b"LASF_Projection")
-    while place >= 0:
-        record, length = (int.from_bytes(head[place + 16 + 2 * i : place + 18 + 2 * i], "little") for i in range(2))
-        if record == GeoKey.RECORD:
-            begin = place + 52
-            keys = np.frombuffer(head[begin : begin + length // 8 * 8], "<u2").reshape(-1, 4)
-            return {int(key): int(value) for key, where, _, value in keys[1:] if where == 0}
-        place = head.find(b"LASF_Projection", place + 16)
-    return {}
 
 
 def survey_box(survey: SurveyParams, limits: Array | None, unit: str) -> Array | None:

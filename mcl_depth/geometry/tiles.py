@@ -47,27 +47,23 @@ class Thinner:
 
     def _thin(self, limit: int) -> None:
         """Keep the first point of every cube, so wide that no more than so many are left; NaN and infinity go."""
-        points, self._parts = np.concatenate(self._parts), []
-        is_finite = np.isfinite(points).all(axis=1)
-        points = points if is_finite.all() else points[is_finite]
-        if self.side == 0.0:
-            self._corner = points.min(axis=0, initial=np.inf)
-            self.side = FINEST_SHARE * float(np.max(np.ptp(points, axis=0), initial=0.0))
-        farthest = max(float(np.abs(points[:, i] - self._corner[i]).max(initial=0.0)) for i in range(3))
-        while self.side > 0.0 and farthest >= self.side * 2**INDEX_BITS:
-            self.side *= 2.0  # until all cubes have a number
-        while True:
-            kept = points[self._first_of_cubes(points)]
-            if len(kept) <= limit or self.side == 0.0:
-                break
+        points = np.concatenate(self._parts)
+        points = points[np.isfinite(points).all(axis=1)]
+        if self.side == 0.0 and len(points):
+            self._corner = points.min(axis=0)
+            self.side = FINEST_SHARE * float(np.ptp(points, axis=0).max()) or 1.0  # of one point alone any will do
+        farthest = float(np.abs(points - self._corner).max(initial=0.0))
+        self.side = max(self.side, 2.0**-INDEX_BITS * 2.0 * farthest)  # so that all cubes have a number
+        kept = self._first_of_cubes(points)
+        while len(kept) > limit:
             self.side *= GROWTH
+            kept = self._first_of_cubes(points)
         self._parts, self._num_kept = [kept], len(kept)
 
-    def _first_of_cubes(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the indices, ascending, of the points (N, 3) that are the first in their cube."""
-        if self.side == 0.0:  # all of them are one point
-            return np.arange(min(len(points), 1))
-        return np.sort(np.unique(cube_keys(points, self._corner, self.side), return_index=True)[1])
+    def _first_of_cubes(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points (N, 3) that are the first in their cube, in their order."""
+        keys = cube_keys(points, self._corner, self.side)
+        return points[np.sort(np.unique(keys, return_index=True)[1])]
 
 
 def in_box(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:

@@ -45,7 +45,6 @@ class GeometryLoader:
         self._log, self._on_change, self._declared = endpoints.log, on_change, params
         self.geometry: Geometry | None = None
         self.params = params  # with the spacing of the last call
-        self.map_id = ""  # of a map of spheres
         self.fault = FINE  # nothing can be compared with the geometry
         self._site: Site | None = None
         self._share = 1.0  # of its depth images that are made
@@ -53,16 +52,16 @@ class GeometryLoader:
         self._fix = endpoints.add_publisher("fix", NavSatFix, qos.STATE) if params.survey.crs else None
         self._degrees_of: Degrees | None = None  # by the survey's system, where it is known
         if params.cloud:
-            self.use(read_map(params.cloud, params), map_id=find_map_id(params.cloud))
+            self.use(read_map(params.cloud, params))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
         endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
-    def use(self, geometry: Geometry, voxel_m: float = 0.0, map_id: str = "") -> None:
+    def use(self, geometry: Geometry, voxel_m: float = 0.0) -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
         self._degrees_of = self._find_system(geometry.name)
         synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
-        self.geometry, self.fault, self.map_id = geometry, FINE, map_id
+        self.geometry, self.fault = geometry, FINE
         self._site, self._share = None, 1.0
         self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
         self._on_change()
@@ -74,10 +73,14 @@ class GeometryLoader:
             self._log.warning(warning)
 
     def _find_system(self, name: str) -> Degrees | None:
-        crs = self._declared.survey.crs
-        if crs == "auto" and not (crs := declared_crs(Path(name))):
-            self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
-        return degrees_of(crs) if crs else None
+        told = self._declared.survey.crs
+        if told != "auto":
+            return degrees_of(told) if told else None
+        crs = declared_crs(Path(name))
+        if crs is not None and crs.is_projected:
+            return degrees_of(crs)
+        self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
+        return None
 
     def tell_fix(self, estimate: BaseEstimate, stamp_ns: int) -> None:
         """Publish where on Earth a pose of the base is; its height is that of the survey."""
@@ -143,10 +146,10 @@ class GeometryLoader:
         try:
             if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
                 raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
-            geometry, map_id = self._read(request.path)
+            geometry = self._read(request.path)
             voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
             num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
-            self.use(geometry, request.voxel_size, map_id)
+            self.use(geometry, request.voxel_size)
         except (ValueError, OSError) as error:
             response.message = one_line(error)
             return response
@@ -160,9 +163,9 @@ class GeometryLoader:
         response.seconds = time.perf_counter() - started
         return response
 
-    def _read(self, path: str) -> tuple[Geometry, str]:
+    def _read(self, path: str) -> Geometry:
         try:
-            return read_map(path, self._declared), find_map_id(path)
+            return read_map(path, self._declared)
         except (ValueError, OSError) as error:
             self._log.warning(f"load_cloud: {one_line(error)}")
         raise ValueError("path: expected a cloud or map, found none that can be read: the log of mcl_depth says why")
@@ -175,23 +178,10 @@ def count_points(geometry: Geometry, voxel_m: float) -> int:
     return len(means_of(geometry.points.astype(np.float64), voxel_m, geometry.name))
 
 
-def find_map_id(path: str) -> str:
-    """Return the name of a map of key spheres; empty for a file."""
-    if not _is_map(path):
-        return ""
-    with open_map(path) as reader:
-        return str(reader.info.map_id)
-
-
-def _is_map(path: str) -> bool:
-    folder = Path(path)
-    return folder.is_dir() and not any(file.suffix.lower() in TILE_ENDINGS for file in folder.iterdir())
-
-
 def read_map(path: str, params: MclDepthParams | None = None) -> Geometry:
     """Return the geometry of a file, of a folder of tiles, or of one of key spheres."""
-    params = params or MclDepthParams()
-    if not _is_map(path):
+    params, folder = params or MclDepthParams(), Path(path)
+    if not folder.is_dir() or any(file.suffix.lower() in TILE_ENDINGS for file in folder.iterdir()):
         limits, reach = limits_of(params.area.limits), params.synthesis.max_range_m
         return read_geometry(path, params.survey, None if limits is None else limits + reach * np.array([-1, -1, 1, 1]))
     parts = [np.zeros((0, 3), np.float32)]
@@ -199,4 +189,5 @@ def read_map(path: str, params: MclDepthParams | None = None) -> Geometry:
         for node in reader.graph:
             points, _ = reader.load_sphere(node.id).points(STEP)
             parts.append(node.T_map_sphere.apply(points).astype(np.float32))
-    return cloud_from_points(np.concatenate(parts), path)
+        map_id = str(reader.info.map_id)
+    return replace(cloud_from_points(np.concatenate(parts), path), map_id=map_id)

@@ -42,7 +42,6 @@ class MclDepthNode(LocalizerNode):
         warm_up(p)
         self.filter: Filter | None = None
         self.belief: Belief | None = None  # of the last image that was compared
-        self.is_scale_told = False
         self.clouds = GeometryLoader(endpoints, p, self.drop_filter)
         self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
         self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
@@ -56,7 +55,6 @@ class MclDepthNode(LocalizerNode):
     def drop_filter(self) -> None:
         """Use another geometry from the next image on."""
         self.filter = self.belief = None
-        self.is_scale_told = False
 
     @property
     def is_ready(self) -> bool:
@@ -71,7 +69,7 @@ class MclDepthNode(LocalizerNode):
     @property
     def map_id(self) -> str:
         """The name of the map in use, where it is one of key spheres."""
-        return self.clouds.map_id
+        return self.clouds.geometry.map_id if self.clouds.geometry is not None else ""
 
     def prepare(self, picture: Picture) -> None:
         """Make the filter, now that the camera and its height are known."""
@@ -86,9 +84,6 @@ class MclDepthNode(LocalizerNode):
         T_odom_level = picture.T_odom_base and picture.T_odom_base @ T_base_level
         rotation = tilt @ picture.T_base_camera.rotation
         estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, T_odom_level))
-        if self.filter.odometry.scale.warning and not self.is_scale_told:
-            self.is_scale_told = True
-            self.log.warning(self.filter.odometry.scale.warning)
         if estimate.belief is not None:
             self.belief = estimate.belief
             self.views.show(estimate.belief, self.filter, stamp)
@@ -133,7 +128,6 @@ class MclDepthNode(LocalizerNode):
         if self.filter is not None:
             cache = self.filter.map.cache
             values |= {"depth_cache_hits": cache.hit_rate, "depth_images": len(cache)}
-            values |= {"map_scale": self.filter.odometry.scale.value}
         return values | ({"similarity_cache_hits": self.belief.comparison.hit_rate} if self.belief else {})
 
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:

@@ -8,14 +8,15 @@ from __future__ import annotations
 import json
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import laspy
 import numpy as np
 from numpy.typing import NDArray
+from pyproj import Transformer
 
-from mcl_depth.geometry.geodetic import AXIS, place_on_earth
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -96,23 +97,19 @@ class Datum:
             raise ArgumentTypeError(f"expected lat,lon,heading in degrees, found {text!r}")
         return found
 
-    def locate(self, T_map_any: SE3) -> list[float]:
-        """Return longitude and latitude in degrees, and height in m, of a pose.
+    @cached_property
+    def _to_degrees(self) -> Transformer:
+        """From metres east, north and up to longitude and latitude in degrees, and height in m, on the ellipsoid."""
+        here = f"step inv proj=topocentric ellps=WGS84 lat_0={self.latitude!r} lon_0={self.longitude!r}"
+        degrees = "step inv proj=cart ellps=WGS84 step proj=unitconvert xy_in=rad xy_out=deg"
+        return Transformer.from_pipeline(f"proj=pipeline {here} {degrees}")
 
-        On the ellipsoid through geocentric coordinates, so that kilometres stay right.
-        """
+    def locate(self, T_map_any: SE3) -> list[float]:
+        """Return longitude and latitude in degrees, and height in m, of a pose."""
         x, y, z = T_map_any.translation
         c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
-        latitude, longitude = np.radians([self.latitude, self.longitude])
-        axes, origin = place_on_earth(latitude, longitude)
-        point = origin + axes @ np.array([s * x - c * y, c * x + s * y, z])
-        longitude = np.arctan2(point[1], point[0])
-        for _ in range(8):  # to the latitude at which the point is straight above; each leaves a hundredth
-            axes, origin = place_on_earth(latitude, longitude)
-            _, north, up = (point - origin) @ axes
-            latitude += north / AXIS
-        degrees = [round(float(np.degrees(angle)), DECIMALS) for angle in (longitude, latitude)]
-        return [*degrees, round(float(up), 4)]
+        longitude, latitude, height = self._to_degrees.transform(s * x - c * y, c * x + s * y, z)
+        return [round(longitude, DECIMALS), round(latitude, DECIMALS), round(height, 4)]
 
 
 def geojson(graph: SphereGraph, datum: Datum) -> str:

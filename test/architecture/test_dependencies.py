@@ -23,6 +23,7 @@ THIRD_PARTY = {
     "mcap": ("mcap", "python3-mcap-pip"),
     "numba": ("numba", "python3-numba"),
     "numpy": ("numpy", "python3-numpy"),
+    "pyproj": ("pyproj", "python3-pyproj"),
     "rosbags": ("rosbags", "python3-rosbags-pip"),
     "scipy": ("scipy", "python3-scipy"),
     "tqdm": ("tqdm", "python3-tqdm"),
@@ -31,7 +32,7 @@ THIRD_PARTY = {
     "zstandard": ("zstandard", "python3-zstandard"),
 }
 # imported where it is used, which says what to install; no part of the ROS package
-OPTIONAL = {"distributed", "pye57", "pyproj", "viser", "websockets"}
+OPTIONAL = {"distributed", "pye57", "viser", "websockets"}
 KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}
 
 

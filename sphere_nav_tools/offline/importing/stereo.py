@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pyproj import Transformer
+from scipy.spatial.transform import Rotation
 
-from mcl_depth.geometry.geodetic import place_on_earth
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.opencv_file import load_opencv
@@ -50,7 +51,7 @@ MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"radial-tangential": Pinhole
 MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between them; 4Seasons gives key frames alone
 # 4Seasons was recorded around Munich; its truth is about the Earth's center. One frame for all of it: east, north, up
 # at 48.14 deg north, 11.58 deg east, 520 m above the ellipsoid (WGS 84); upright within 0.5 deg 50 km around
-MUNICH = (*np.radians([48.14, 11.58]), 520.0)
+MUNICH = (48.14, 11.58, 520.0)
 
 
 def open_kitti(folder: Path) -> Recording:
@@ -178,7 +179,9 @@ def _gnss_poses(folder: Path) -> Trajectory:
         elif line.count(",") == 6:
             named[name] = pose_of_row(np.array([number(word, f"{path}: {name}") for word in line.split(",")]), path)
     needed = required(named, str(path), ("transform_e_gpsw", "transform_w_gpsw", "transform_S_AS"))
-    T_munich_earth = SE3.from_parts(*place_on_earth(*MUNICH)).inverse()
+    position = Transformer.from_crs("EPSG:4979", "EPSG:4978").transform(*MUNICH)  # degrees to m about the center
+    axes = Rotation.from_euler("ZX", [90.0 + MUNICH[1], 90.0 - MUNICH[0]], degrees=True).as_matrix()
+    T_munich_earth = SE3.from_parts(axes, np.array(position)).inverse()
     T_map_visual = T_munich_earth @ needed["transform_e_gpsw"] @ needed["transform_w_gpsw"].inverse()
     T_map_slam = T_map_visual @ needed["transform_S_AS"]
     path = folder / "GNSSPoses.txt"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, ScaleCheck, image_covariance
+from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, image_covariance
 from mcl_depth.belief.motion_model import MotionModel, planar_pose
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -106,13 +106,3 @@ def test_images_that_move_across_odometry_name_the_mounting(check):
     assert "the images 0.50 m at +90 deg to it" in seen.hint.detail
     assert "mounting" in seen.hint.advice
     np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [0.5, -0.5, 0.0], atol=1e-3)
-
-
-@pytest.mark.parametrize(("size", "is_told"), [(1.01, False), (0.95, True)])
-def test_a_map_of_another_size_is_told_after_some_way(size, is_told):
-    rng, scale = np.random.default_rng(2), ScaleCheck(0.05)
-    for number in range(60):
-        assert number >= 25 or not scale.warning
-        scale.add(np.array([1.0 + 0.05 * rng.standard_normal(), 0.0, 0.0]), np.array([size, 0.0, 0.0]))
-    assert bool(scale.warning) == is_told
-    assert scale.value == pytest.approx(size, abs=0.02)

@@ -12,12 +12,10 @@ import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
-from mcl_depth.geometry.las import count_las, read_las
+from mcl_depth.geometry.las import read_header, read_las
 from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from mcl_depth.geometry.synthesis import DepthSynthesizer
 
 POINTS = np.array([[0.0, 0.5, 1.0], [1.0, 2.0, 3.0], [-4.0, 5.0, 6.5]])
 
@@ -87,7 +85,7 @@ def test_an_absurd_count_is_refused_before_memory_is_taken(tmp_path: Path) -> No
         with pytest.raises(ValueError, match=r"expected.*found"):
             read_geometry(tmp_path / name)
     (tmp_path / "e.las").write_bytes(las())
-    assert count_las(tmp_path / "e.las") == 3
+    assert read_header(tmp_path / "e.las").point_count == 3
 
 
 def test_a_pcd_holds_numbers_of_any_size_beside_the_points(tmp_path: Path) -> None:
@@ -129,23 +127,6 @@ def test_a_packed_tile_is_read_and_one_that_is_cut_short_is_refused(tmp_path: Pa
         read_geometry(tmp_path / "b.laz")
 
 
-def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
-    corners = [(0, 0), (4, 0), (4, 3), (0, 3)]
-    rows = ["kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m"]
-    rows += [
-        f"wall,a,{x0},{y0},{x1},{y1},0,2.5"
-        for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
-    (tmp_path / "plan.csv").write_text("\n".join([*rows, "door,a,4,1,4,2,0,2"]) + "\n")
-    (ring,) = rings_of([surface for surface in read_surfaces(tmp_path / "plan.csv") if surface.kind == "wall"])
-    np.testing.assert_array_equal(ring, corners)
-    mesh = read_geometry(tmp_path / "plan.csv")
-    found = DepthSynthesizer(mesh).synthesize_many([(2.0, 1.5, 1.2)])[0]
-    row = found[found.shape[0] // 2]
-    assert np.isnan(row[90])  # through the door
-    np.testing.assert_allclose(row[[0, 45]], [2.0, 1.5], atol=0.01)
-
-
 def rows_of(form, rows, kinds):
     """Rows of numbers in a form of PLY; `kinds` of NumPy, one a number."""
     if form == "ascii":
@@ -154,18 +135,51 @@ def rows_of(form, rows, kinds):
     return b"".join(np.array(n, order + kind).tobytes() for row in rows for n, kind in zip(row, kinds, strict=False))
 
 
-@pytest.mark.parametrize("form", ["ascii", "binary_big_endian"])
-def test_a_ply_holds_properties_in_any_order_and_polygons(tmp_path: Path, form: str) -> None:
-    head = f"ply\nformat {form} 1.0\ncomment made by hand\nelement camera 1\nproperty int id\nelement vertex 5\n"
-    head += "property double z\nproperty uchar red\nproperty double x\nproperty double y\n"
-    head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+HEAD = """comment made by hand
+element camera 1
+property int id
+element vertex 5
+property double z
+property uchar red
+property double x
+property double y
+element face 3
+property uchar flags
+property list uchar int vertex_index
+property list uchar float texcoord
+end_header
+"""
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_a_ply_holds_properties_in_any_order_and_polygons_beside_other_lists(tmp_path: Path, form: str) -> None:
     vertices = [(9.5, 200, 1.0, 2.0), (0.0, 1, 4.0, 0.5), (1.0, 2, -3.0, 5.0), (2.0, 3, 7.0, 7.0), (0.5, 4, 0.0, 3.0)]
+    rows = [(7, 4, 0, 1, 2, 3, 1, 0.5), (8, 3, 2, 3, 4, 0), (9, 2, 1, 0, 2, 0.5, -1.5)]  # flags, corners, texcoord
+    kinds = [
+        ("u1", "u1", "i4", "i4", "i4", "i4", "u1", "f4"),
+        ("u1", "u1", *["i4"] * 3, "u1"),
+        ("u1", "u1", "i4", "i4", "u1", "f4", "f4"),
+    ]
     body = rows_of(form, [(77,)], ["i4"]) + rows_of(form, vertices, ["f8", "u1", "f8", "f8"])
-    body += rows_of(form, [(4, 0, 1, 2, 3), (3, 2, 3, 4)], ["u1", "i4", "i4", "i4", "i4"])
+    body += b"".join(rows_of(form, [row], kind) for row, kind in zip(rows, kinds, strict=True))
+    head = f"ply\nformat {form} 1.0\n{HEAD}"
     (tmp_path / "m.ply").write_bytes(head.encode() + body)
     mesh = read_geometry(tmp_path / "m.ply")
     np.testing.assert_allclose(mesh.points, [(x, y, z) for z, _, x, y in vertices])
     assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [2, 3, 4]]
+    for name in ("texcoord", "corners"):
+        (tmp_path / "m.ply").write_bytes(head.replace("vertex_index", name).encode() + body)
+        with pytest.raises(ValueError, match=f"header: face: expected one list vertex_indices, found {name}"):
+            read_ply(tmp_path / "m.ply")
+    (tmp_path / "m.ply").write_bytes(head.replace("face 3", "face 4").encode() + body)
+    with pytest.raises(ValueError, match="face 3: expected up to 255 corners within the file"):
+        read_ply(tmp_path / "m.ply")
+
+
+def test_text_beyond_its_last_row_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(FILES["a.ply"] + b"7\n")
+    with pytest.raises(ValueError, match="body: expected 9 numbers, found 10"):
+        read_ply(tmp_path / "a.ply")
 
 
 def test_rows_that_are_not_corners_alone_are_not_read_and_the_points_are(tmp_path: Path) -> None:
@@ -264,38 +278,6 @@ def test_a_packed_tile_that_lies_of_its_chunks_ends_no_process_but_its_reader(tm
     with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
         read_las(tmp_path / "a.laz")
     assert "\n" not in str(caught.value)
-
-
-FACES = (
-    "property list uchar int vertex_indices\nproperty list uchar float texcoord\n",
-    "property uchar flags\nproperty list uchar int vertex_index\n",
-)
-
-
-@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
-def test_corners_of_faces_are_read_by_name_beside_other_lists(tmp_path: Path, form: str) -> None:
-    corners, others = [[0, 1, 2], [0, 2, 3]], [0.0, 0.0, 1.0, 0.0, 1.0, 1.0]
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")
-    for properties in FACES:
-        head = f"ply\nformat {form} 1.0\nelement vertex 4\n" + "".join(f"property float {axis}\n" for axis in "xyz")
-        head += f"element face 2\n{properties}end_header\n"
-        has_flags, body = "flags" in properties, b"" if form != "ascii" else b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
-        body = body or square.tobytes()
-        for number, row in enumerate(corners):
-            rest = others[: 6 - 2 * number]  # rows of two lengths
-            if form == "ascii":
-                words = [7, 3, *row] if has_flags else [3, *row, len(rest), *rest]
-                body += (" ".join(map(str, words)) + "\n").encode()
-            else:
-                indices = bytes([3]) + np.array(row, "<i4").tobytes()
-                body += bytes([7]) + indices if has_flags else indices
-                body += b"" if has_flags else bytes([len(rest)]) + np.array(rest, "<f4").tobytes()
-        (tmp_path / "m.ply").write_bytes(head.encode() + body)
-        assert read_ply(tmp_path / "m.ply")[1].tolist() == corners
-    for name in ("texcoord", "corners"):
-        (tmp_path / "m.ply").write_text(head.replace("vertex_index", name))
-        with pytest.raises(ValueError, match=f"header: face: expected one list vertex_indices, found {name}"):
-            read_ply(tmp_path / "m.ply")
 
 
 def test_one_number_that_is_no_coordinate_is_named(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sphere_nav_msgs.srv import LoadCloud
 
-from mcl_depth.ros.clouds import find_map_id, read_map
+from mcl_depth.ros.clouds import read_map
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import BaseEstimate, State, Status
@@ -89,10 +89,8 @@ def test_the_spheres_of_a_map_are_points_where_they_stood(tmp_path):
     centers = ([0.0, 0.0, 0.0], [10.0, 0.0, 0.0])
     keys = [KeySphere(k, k + 1, SE3.from_parts(np.eye(3), np.array(c)), sphere) for k, c in enumerate(centers)]
     save_map(tmp_path / "map", SphereGraph(keys), MapDetails("yard"))
-    np.save(tmp_path / "room.npy", np.zeros((5, 3)))
-    assert [find_map_id(str(tmp_path / name)) for name in ("map", "room.npy")] == ["yard", ""]
     cloud = read_map(str(tmp_path / "map"))
-    assert not cloud.is_mesh
+    assert (cloud.map_id, cloud.is_mesh) == ("yard", False)
     distances = np.linalg.norm(cloud.points[:, None] - np.array(centers), axis=2).min(axis=1)
     np.testing.assert_allclose(distances, 2.0, rtol=1e-3)  # ranges are kept to 0.02 %
     assert np.sum(cloud.points[:, 0] > 5.0) == len(cloud.points) // 2

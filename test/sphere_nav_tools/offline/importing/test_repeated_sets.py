@@ -114,7 +114,7 @@ def transformations(T_e_gpsw, T_w_gpsw, T_S_AS):
 
 def test_four_seasons(tmp_path, imported):
     folder = four_seasons(tmp_path / "recording_2020-03-24_17-36-22")
-    latitude, longitude, _ = MUNICH
+    latitude, longitude = np.radians(MUNICH[:2])
     up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
     T_e_gpsw = SE3.from_parts(np.stack([east, np.cross(up, east), up], axis=1), [4_177_000.0, 855_800.0, 4_727_900.0])
