@@ -28,8 +28,9 @@ from sphere_nav_tools.offline.topic_finder import (
     Choice,
     TopicFinder,
     names_of_cameras,
+    names_with_faults,
 )
-from sphere_nav_tools.offline.topics import BASE_FRAME, TF_TOPIC, camera_names, options_of
+from sphere_nav_tools.offline.topics import BASE_FRAME, DEPTH, TF_TOPIC, camera_names, options_of
 
 MIN_RIG_CAMERAS = 3
 MAP, CLOUD_FILE, RIG_FILE = "MAP", "CLOUD", "rig.yaml"  # words of a command that stand for what the user has
@@ -87,10 +88,9 @@ def _offer_map(finder: TopicFinder, rig: Path | None) -> Offer:
     try:
         kind, choice = finder.find_source(has_rig=rig is not None, check=partial(check_source, finder))
     except BagError:
-        has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
-        if has_depth or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
+        if finder.offered(DEPTH) or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
             raise
-        return _offer_rig(finder, rig, command)
+        kind = CAMERAS
     if kind == CAMERAS:
         return _offer_rig(finder, rig, command)
     note = NOTES[kind] + REGISTERED * ("depth/camera_info" in choice.topics) + _rectified(choice.topics)
@@ -107,12 +107,12 @@ def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Off
         note = f"from the cameras of a rig, with {RIG_FILE} (sphere_nav calibrate, or rig-convert) that has these names"
         views = finder.views(has_pairs=True)
         if not views:
-            raise BagError(finder.find(["image_raw"]).reason)
+            finder.find(["image_raw"])  # says what is wrong
+            raise BagError(f"expected images (--image), found {names_with_faults(finder.streams)}")
         return Offer("map", [*command, "--rig", RIG_FILE, *_named_views(views)], note=note)
-    names = list(read_rig(rig).names)
+    names = read_rig(rig).names
     choice = finder.find_rig(names)
-    topics = finder.require(choice)
-    found = {name: topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
+    found = {name: choice.topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
     lacking = ", ".join(name for name in names if name not in found)
     note = "from the cameras of a rig" + (f", without {lacking}" if lacking else "")
     words = [f"--camera={name}={topic}" for name, topic in found.items()]
@@ -130,27 +130,34 @@ NO_ODOMETRY = f"no place is trusted without odometry (nav_msgs/Odometry, or a fr
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
+def _find_camera(finder: TopicFinder, wanted: Sequence[str] = ()) -> tuple[Choice, list[str]]:
+    """Return the images of a camera; where none is calibrated, those that may be whole spheres, and the option then."""
+    try:
+        return finder.find(wanted) if wanted else finder.find_localizer({}), []
+    except BagError:
+        with suppress(BagError):
+            whole = finder.find(["image_raw"])
+            image = finder.by_name[whole.topics["image_raw"]]
+            is_calibrated = any(stream.type == CAMERA_INFO and stream.encoding for stream in finder.streams)
+            if image.width == 2 * image.height > 0 and not is_calibrated:
+                return whole, ["--set", "is_panorama=true"]
+        raise
+
+
 def _offer_localize(finder: TopicFinder, _: Path | None) -> Offer:
     """By one camera, or by several that sit on one vehicle."""
     command = ["sphere_nav", "localize", MAP, str(finder.bag.path), "-o", f"{finder.bag.path.stem}.tum"]
-    choice, more = _or_panorama(finder, finder.find_localizer({}))
-    views = finder.views(has_pairs=True)
-    if not (choice.topics or finder.chosen) and len(views) > 1:
-        with suppress(BagError):
-            return _offer_cameras(finder, command, views)
-    words, odometry = options_of(finder.require(choice)), odometry_of(finder)
+    try:
+        choice, more = _find_camera(finder)
+    except BagError:
+        views = finder.views(has_pairs=True)
+        if len(views) > 1 and not finder.chosen:
+            with suppress(BagError):
+                return _offer_cameras(finder, command, views)
+        raise
+    words, odometry = options_of(finder.odometry | choice.topics), odometry_of(finder)
     note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
     return Offer("localize", [*command, *words, *more], note=note + _rectified(choice.topics), reason=choice.reason)
-
-
-def _or_panorama(finder: TopicFinder, choice: Choice) -> tuple[Choice, list[str]]:
-    """Return the images of a camera; where none is calibrated, those that may be whole spheres, and the option then."""
-    if choice.topics or any(stream.encoding and not stream.is_image for stream in finder.streams):
-        return choice, []
-    whole = finder.find(["image_raw"])
-    image = finder.by_name.get(whole.topics.get("image_raw", ""))
-    is_panorama = image is not None and image.width == 2 * image.height and image.width > 0
-    return (whole, ["--set", "is_panorama=true"]) if is_panorama else (choice, [])
 
 
 def _named_views(views: Sequence[Stream]) -> list[str]:
@@ -176,8 +183,8 @@ def _offer_cameras(finder: TopicFinder, command: list[str], views: Sequence[Stre
 
 def _offer_mcl(finder: TopicFinder, _: Path | None) -> Offer:
     """In bare geometry."""
-    choice, more = _or_panorama(finder, finder.find(("image_raw", finder.lens)))
-    words, frame = options_of(finder.require(choice)), finder.by_name[choice.topics["image_raw"]].frame_id
+    choice, more = _find_camera(finder, ("image_raw", finder.lens))
+    words, frame = options_of(finder.odometry | choice.topics), finder.by_name[choice.topics["image_raw"]].frame_id
     if not finder.mounting and not finder.frames.is_connected(BASE_FRAME, frame):
         expected = f"{BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
         raise BagError(f"expected {expected}, found neither")
