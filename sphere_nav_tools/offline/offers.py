@@ -6,13 +6,11 @@ its nodes, and seen to belong together: sizes, calibrations, frames, stamps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from sphere_mapping.ros.stereo_intake import open_pair
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.localization.params import RigParams
 from sphere_nav.ros.bags.recorded import BagError
@@ -23,8 +21,6 @@ from sphere_nav.ros.maps.writer import MAP_FRAME
 from sphere_nav_tools.offline.topic_finder import (
     CAMERA_IS_VEHICLE,
     CAMERAS,
-    RGBD,
-    STEREO,
     Choice,
     TopicFinder,
     names_of_cameras,
@@ -49,10 +45,13 @@ class Offer:
 
 def find_offer(job: str, finder: TopicFinder, rig: Path | None = None) -> Offer:
     """Return what a bag does for a job: map (with the rig file of its cameras), localize, mcl."""
+    (given, ending, find), bag = JOBS[job], finder.bag.path
     try:
-        return {"map": _offer_map, "localize": _offer_localize, "mcl": _offer_mcl}[job](finder, rig)
+        words, note, reason = find(finder, rig)
     except BagError as error:
-        return Offer(job, missing=str(error).removeprefix(f"{finder.bag.path}: topics: "))
+        return Offer(job, missing=str(error).removeprefix(f"{bag}: topics: "))
+    command = ["sphere_nav", job, *given, str(bag), "-o", f"{bag.stem}{ending}", *words]
+    return Offer(job, command, note=note, reason=reason)
 
 
 def odometry_of(finder: TopicFinder) -> str:
@@ -61,47 +60,28 @@ def odometry_of(finder: TopicFinder) -> str:
     return finder.odometry.get("odom", f"{TF_TOPIC} ({edge[0]} to {edge[1]})" if edge else "")
 
 
-def check_source(finder: TopicFinder, kind: str, found: dict[str, str]) -> None:
-    """Raise ValueError for topics that do not belong together: two calibrations, frames, instants."""
-    if "depth/camera_info" in found:
-        image, depth = (finder.by_name[found[ours]].frame_id for ours in ("image_raw", "depth/camera_info"))
-        if not finder.frames.is_connected(image, depth):
-            raise BagError(f"expected {depth} and {image} on /tf_static, found no way: record it, or registered depth")
-    if kind == "stereo":
-        left, right = (next(finder.bag.messages([found[f"{side}/camera_info"]])).message for side in ("left", "right"))
-        open_pair(left, right, finder.frames.lookup)
-    if kind != "sphere":
-        check_stamps(finder, *(found[ours] for ours in (STEREO if kind == "stereo" else RGBD)))
+Found = tuple[list[str], str, str]  # options, note, reason
 
 
-def check_stamps(finder: TopicFinder, one: str, other: str) -> None:
-    """Raise BagError where no two images of two cameras are of one instant."""
-    slack_s, found_s = finder.slack_s(one), finder.nearest_pair_s(one, other)
-    if found_s > slack_s:
-        expected = f"stamps within {1e3 * slack_s:.0f} ms of {one} (--set slack_s={slack_s:g})"
-        raise BagError(f"{other}: expected {expected}, found {1e3 * found_s:.0f} ms at the nearest")
-
-
-def _offer_map(finder: TopicFinder, rig: Path | None) -> Offer:
+def _offer_map(finder: TopicFinder, rig: Path | None) -> Found:
     """From spheres, colour and depth, a stereo pair, or the cameras of a rig."""
-    command = ["sphere_nav", "map", str(finder.bag.path), "-o", f"{finder.bag.path.stem}_map"]
     try:
-        kind, choice = finder.find_source(has_rig=rig is not None, check=partial(check_source, finder))
+        kind, choice = finder.find_source(has_rig=rig is not None)
     except BagError:
         if finder.offered(DEPTH) or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
             raise
         kind = CAMERAS
     if kind == CAMERAS:
-        return _offer_rig(finder, rig, command)
+        return _offer_rig(finder, rig)
     note = NOTES[kind] + REGISTERED * ("depth/camera_info" in choice.topics) + _rectified(choice.topics)
-    return Offer("map", command + options_of(choice.topics), note=note, reason=choice.reason)
+    return options_of(choice.topics), note, choice.reason
 
 
 NOTES = {"sphere": "from spheres", "rgbd": "from colour and depth", "stereo": "from a stereo pair"}
 REGISTERED = ", depth registered to the images by both calibrations and /tf_static"
 
 
-def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Offer:
+def _offer_rig(finder: TopicFinder, rig: Path | None) -> Found:
     """By several cameras, named as in the rig file, or as their topics differ."""
     if rig is None:
         note = f"from the cameras of a rig, with {RIG_FILE} (sphere_nav calibrate, or rig-convert) that has these names"
@@ -109,14 +89,14 @@ def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Off
         if not views:
             finder.find(["image_raw"])  # says what is wrong
             raise BagError(f"expected images (--image), found {names_with_faults(finder.streams)}")
-        return Offer("map", [*command, "--rig", RIG_FILE, *_named_views(views)], note=note)
+        return ["--rig", RIG_FILE, *_named_views(views)], note, ""
     names = read_rig(rig).names
     choice = finder.find_rig(names)
     found = {name: choice.topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
     lacking = ", ".join(name for name in names if name not in found)
     note = "from the cameras of a rig" + (f", without {lacking}" if lacking else "")
     words = [f"--camera={name}={topic}" for name, topic in found.items()]
-    return Offer("map", [*command, "--rig", str(rig), *words], note=note, reason=choice.reason)
+    return ["--rig", str(rig), *words], note, choice.reason
 
 
 def _rectified(topics: Mapping[str, str]) -> str:
@@ -144,44 +124,43 @@ def _find_camera(finder: TopicFinder, wanted: Sequence[str] = ()) -> tuple[Choic
         raise
 
 
-def _offer_localize(finder: TopicFinder, _: Path | None) -> Offer:
+def _offer_localize(finder: TopicFinder, _: Path | None) -> Found:
     """By one camera, or by several that sit on one vehicle."""
-    command = ["sphere_nav", "localize", MAP, str(finder.bag.path), "-o", f"{finder.bag.path.stem}.tum"]
     try:
         choice, more = _find_camera(finder)
     except BagError:
         views = finder.views(has_pairs=True)
         if len(views) > 1 and not finder.chosen:
             with suppress(BagError):
-                return _offer_cameras(finder, command, views)
+                return _offer_cameras(finder, views)
         raise
     words, odometry = options_of(finder.odometry | choice.topics), odometry_of(finder)
     note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
-    return Offer("localize", [*command, *words, *more], note=note + _rectified(choice.topics), reason=choice.reason)
+    return words + more, note + _rectified(choice.topics), choice.reason
 
 
 def _named_views(views: Sequence[Stream]) -> list[str]:
     return [f"--camera={name}={view.topic}" for name, view in zip(names_of_cameras(views), views, strict=True)]
 
 
-def _offer_cameras(finder: TopicFinder, command: list[str], views: Sequence[Stream]) -> Offer:
+def _offer_cameras(finder: TopicFinder, views: Sequence[Stream]) -> Found:
     """By all cameras: lenses and places by the bag, or of many without by the map of the rig; BagError: by neither."""
     words, frames = _named_views(views), finder.frames
     if len(views) >= MIN_RIG_CAMERAS and not any(stream.type == CAMERA_INFO for stream in finder.streams):
         note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
-        command = [*command, "--set", "rig.calibration=map", *words]
+        words = ["--set", "rig.calibration=map", *words]
         if not finder.mounting and not frames.is_connected(BASE_FRAME, RigParams().frame):
             note += ", which is taken as the vehicle; --mounting tells otherwise"
-            command += ["--mounting", CAMERA_IS_VEHICLE]
-        return Offer("localize", command, note=note)
+            words += ["--mounting", CAMERA_IS_VEHICLE]
+        return words, note, ""
     for view in views:
         finder.calibration_of(view)
         if not frames.is_connected(BASE_FRAME, view.frame_id):
             raise BagError(f"expected {view.frame_id} on /tf_static, found no way to it")
-    return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
+    return words, f"ready, by {len(views)} cameras", ""
 
 
-def _offer_mcl(finder: TopicFinder, _: Path | None) -> Offer:
+def _offer_mcl(finder: TopicFinder, _: Path | None) -> Found:
     """In bare geometry."""
     choice, more = _find_camera(finder, ("image_raw", finder.lens))
     words, frame = options_of(finder.odometry | choice.topics), finder.by_name[choice.topics["image_raw"]].frame_id
@@ -191,5 +170,12 @@ def _offer_mcl(finder: TopicFinder, _: Path | None) -> Offer:
     clouds = ", ".join(stream.topic for stream in finder.streams if stream.type == CLOUD)
     notes = [f"the bag has point clouds, too ({clouds})"] * bool(clouds) + [NO_ODOMETRY] * (not odometry_of(finder))
     note = PANORAMA_NOTE if more else "; ".join(["ready", *notes]) if notes else ""
-    command = ["sphere_nav", "mcl", CLOUD_FILE, str(finder.bag.path), "-o", f"{finder.bag.path.stem}_mcl.tum"]
-    return Offer("mcl", [*command, *words, *more], note=note, reason=choice.reason)
+    return words + more, note, choice.reason
+
+
+# What a command is given before the bag, how its output ends, and what finds the rest.
+JOBS: dict[str, tuple[Sequence[str], str, Callable[[TopicFinder, Path | None], Found]]] = {
+    "map": ((), "_map", _offer_map),
+    "localize": ((MAP,), ".tum", _offer_localize),
+    "mcl": ((CLOUD_FILE,), "_mcl.tum", _offer_mcl),
+}

@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import islice, product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sphere_mapping.ros.intake import TOPICS
+from sphere_mapping.ros.stereo_intake import open_pair
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros.bags.reader import BagReader
@@ -37,9 +38,9 @@ CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
 SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
 INFRARED = {"ir", "infra", "infra1", "infra2"}  # names of cameras whose light a projector makes
 RGBD, STEREO = ("image_raw", DEPTH), ("left/image_raw", "right/image_raw")  # images that are chosen together
+T = TypeVar("T")
 Candidate = tuple[Stream, ...]
-Preference = tuple[str, Callable[[Candidate, Sequence[Candidate]], float]]  # a word; rank of one among all
-Check = Callable[[str, dict[str, str]], None]  # of a kind and its topics; ValueError: not of one device
+Preference = tuple[str, Callable[[Sequence[Candidate], Candidate], float]]  # a word; rank among all of one
 KINDS = {
     "cameras": CAMERAS,
     "left": "stereo",
@@ -139,12 +140,13 @@ class TopicFinder:
     @property
     def odometry(self) -> dict[str, str]:
         """Wheel or visual odometry, the one with most messages; nothing where there is none."""
-        return self._beside("odom", lambda s: (s.topic == "/odom", s.count))
+        return self._beside("odom", lambda s: s.topic == "/odom", lambda s: s.count)
 
     @property
     def imu(self) -> dict[str, str]:
         """The IMU, one that /tf has on the vehicle before others; nothing where there is none."""
-        return self._beside("imu", lambda s: (self.frames.is_connected(BASE_FRAME, s.frame_id), "raw" not in s.topic))
+        on_vehicle = partial(self.frames.is_connected, BASE_FRAME)
+        return self._beside("imu", lambda s: on_vehicle(s.frame_id), lambda s: "raw" not in s.topic)
 
     def refuse_unread(self, read: Iterable[str]) -> None:
         """Raise BagError for a topic of ours that the user named, and none of those that are read."""
@@ -177,10 +179,11 @@ class TopicFinder:
             return self.find(images + [f"{c}camera_info" for c in cameras if f"{c}sphere_info" not in self.chosen])
         return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
 
-    def find_source(self, *, has_rig: bool = False, check: Check = lambda *_: None) -> tuple[str, Choice]:
+    def find_source(self, *, has_rig: bool = False, slack_s: float | None = None) -> tuple[str, Choice]:
         """Return what spheres are made of, a kind of TOPICS with its topics, or CAMERAS; BagError: nothing.
 
-        What the user named decides, else our own names, else what is found, and belongs together by `check`.
+        What the user named decides, else our own names, else what is found; by calibrations, frames and stamps, which
+        may be `slack_s` apart, it must belong together.
         """
         is_own = {kind: {*map(absolute, wanted)} <= self.by_name.keys() for kind, wanted in TOPICS.items()}
         own = [kind for kind in TOPICS if is_own[kind] and not self.chosen]
@@ -191,7 +194,9 @@ class TopicFinder:
         reasons = []
         for kind in named or own or [kind for kind in TOPICS if (kind == "sphere") == has_spheres]:
             try:
-                return kind, self._find(TOPICS[kind], partial(check, kind))
+                choice = self._find(TOPICS[kind])
+                self.check_source(kind, choice.topics, slack_s)
+                return kind, choice
             except ValueError as error:
                 reasons.append(str(error))
         reasons += [ALONE] * (len(self.views(has_pairs=True)) == 1)
@@ -209,7 +214,7 @@ class TopicFinder:
         A driver tells a camera's images under several names: the one with colour counts, the first where all have it.
         """
         pictures = [stream for stream in self.usable if stream.is_picture]
-        colored = _prefer(pictures, lambda picture: INFRARED.isdisjoint(picture.base.split("/")))
+        colored = _best(pictures, lambda picture: INFRARED.isdisjoint(picture.base.split("/")))
         best: dict[tuple[str, tuple[int, int]], Stream] = {}
         for view in sorted(colored if has_pairs else _without_rights(colored), key=lambda s: (s.is_gray, s.topic)):
             best.setdefault((view.frame_id or view.topic, view.size), view)
@@ -219,17 +224,21 @@ class TopicFinder:
         """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
         return float(np.clip(0.33 / max(self.by_name[absolute(topic)].rate_hz, 1e-3), *SLACK_S))
 
-    def nearest_pair_s(self, one: str, other: str) -> float:
-        """Return by how many s the stamps of two topics differ at least, as far as the beginning of the bag tells."""
+    def check_stamps(self, one: str, other: str, slack_s: float | None = None) -> None:
+        """Raise BagError where no two images of two cameras are of one instant, as the beginning of the bag tells."""
+        slack_s = self.slack_s(one) if slack_s is None else slack_s
         stamps: dict[str, list[int]] = {one: [], other: []}
         nearest_ns = np.iinfo(np.int64).max
         for topic, _, message in self.bag.messages(stamps):
             stamp, partner = stamp_ns(message), stamps[other if topic == one else one]
             nearest_ns = min([nearest_ns, *(abs(stamp - there) for there in partner[-NUM_PAIRED:])])
             stamps[topic].append(stamp)
-            if nearest_ns <= SLACK_S[0] * 1e9 or min(map(len, stamps.values())) >= NUM_PAIRED:
+            if nearest_ns <= slack_s * 1e9:
+                return
+            if min(map(len, stamps.values())) >= NUM_PAIRED:
                 break
-        return float(nearest_ns * 1e-9)
+        expected = f"stamps within {1e3 * slack_s:.0f} ms of {one} (--set slack_s={slack_s:g})"
+        raise BagError(f"{other}: expected {expected}, found {1e-6 * nearest_ns:.0f} ms at the nearest")
 
     def place_camera(self, found: Mapping[str, str], settings: Mapping[str, Any]) -> dict[str, str]:
         """Return the parameters `camera_frame` and `mounting` of a localiser; what is assumed is said.
@@ -270,8 +279,7 @@ class TopicFinder:
         fitting = [info for info in infos if info.topic == (known or f"{_folder(image)}/camera_info")]
         if not fitting:
             fitting = [info for info in infos if info.size == image.size or not image.width]
-            fitting = _prefer(fitting, lambda info: info.frame_id == image.frame_id)
-            fitting = _prefer(fitting, lambda info: not info.problem)
+            fitting = _best(fitting, lambda info: info.frame_id == image.frame_id, lambda info: not info.problem)
         if len(fitting) != 1:
             sizes = ", ".join(map(_with_size, fitting or infos)) or "none"
             expected = f"expected one topic with camera_info of {_with_size(image)}"
@@ -295,7 +303,7 @@ class TopicFinder:
             return replace(stream, problem=str(error))
         return stream
 
-    def _find(self, wanted: Sequence[str], check: Callable[[dict[str, str]], None] = lambda _: None) -> Choice:
+    def _find(self, wanted: Sequence[str]) -> Choice:
         found, reasons = self._given(wanted)
         for group in _groups(wanted):
             images, reason = self._choose(group, found)
@@ -306,10 +314,23 @@ class TopicFinder:
                 if info in wanted or (ours == DEPTH and not _is_registered(images)):
                     found[info] = self.calibration_of(image, info, found.get(info, "")).topic
                 elif "sphere_info" in wanted:
-                    found.setdefault("sphere_info", self._panorama(image).topic)
-        check(found)
+                    found = self._panorama(image) | found
         reason = ", ".join(dict.fromkeys(filter(None, reasons))) or "the only ones"
         return Choice({ours: found[ours] for ours in (*wanted, *found)}, reason)
+
+    def check_source(self, kind: str, found: Mapping[str, str], slack_s: float | None) -> None:
+        """Raise ValueError for topics that do not belong together: two calibrations, frames, instants."""
+        if "depth/camera_info" in found:
+            image, depth = (self.by_name[found[ours]].frame_id for ours in ("image_raw", "depth/camera_info"))
+            if not self.frames.is_connected(image, depth):
+                expected = f"expected {depth} and {image} on /tf_static"
+                raise BagError(f"{expected}, found no way: record it, or registered depth")
+        if kind == "stereo":
+            infos = (found[f"{side}/camera_info"] for side in ("left", "right"))
+            left, right = (next(self.bag.messages([info])).message for info in infos)
+            open_pair(left, right, self.frames.lookup)
+        if kind != "sphere":
+            self.check_stamps(*(found[ours] for ours in (STEREO if kind == "stereo" else RGBD)), slack_s)
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
         """Return what needs no search: what the user named, and our own names."""
@@ -332,11 +353,16 @@ class TopicFinder:
             raise BagError(f"{ours}: {topic}: expected {role.meaning}, found {stream.type}")
         return topic
 
-    def _beside(self, ours: str, rank: Callable[[Stream], Any]) -> dict[str, str]:
+    def _beside(self, ours: str, *ranks: Callable[[Stream], Any]) -> dict[str, str]:
         if ours in self.chosen:
             return {ours: absolute(self.chosen[ours])}
-        best = max(self.offered(ours), key=rank, default=None)
-        return {ours: best.topic} if best else {}
+        found = _best(self.offered(ours), *ranks)
+        return {ours: found[0].topic} if found else {}
+
+    def _panorama(self, image: Stream) -> dict[str, str]:
+        """Return the SphereInfo of an image: of its frame, and of its namespace."""
+        frame, folder = image.frame_id, _folder(image)
+        return self._beside("sphere_info", lambda s: s.frame_id == frame, lambda s: _folder(s) == folder)
 
     def offered(self, ours: str) -> list[Stream]:
         """Return the streams that can be what we call so."""
@@ -351,8 +377,7 @@ class TopicFinder:
         is_free = group == STEREO and not found.keys() >= set(STEREO)
         candidates, decisive = [one for one in product(*pools) if not is_free or _is_pair(*one)], []
         for word, rank in _preferences(group):
-            ranks = [rank(one, candidates) for one in candidates]
-            kept = [one for one, found in zip(candidates, ranks, strict=True) if found == max(ranks)]
+            kept = _best(candidates, partial(rank, candidates))
             decisive += [word] * (len(kept) < len(candidates))
             candidates = kept
         if len(candidates) == 1:
@@ -364,11 +389,6 @@ class TopicFinder:
             raise BagError(f"expected {what} ({options}), found {names_with_faults(self.streams)}")
         offered = "; ".join(" with ".join(stream.topic for stream in one) for one in candidates)
         raise BagError(f"expected one choice of {what}, found {len(candidates)}: {offered}; choose by {options}")
-
-    def _panorama(self, image: Stream) -> Stream:
-        """Return the SphereInfo of an image: of its frame, and of its namespace."""
-        lenses = (stream for stream in self.streams if stream.type == SPHERE_INFO)
-        return max(lenses, key=lambda info: (info.frame_id == image.frame_id, _folder(info) == _folder(image)))
 
 
 def names_of_cameras(views: Sequence[Stream]) -> list[str]:
@@ -388,9 +408,12 @@ def _groups(wanted: Sequence[str]) -> list[tuple[str, ...]]:
     return [images] if images in (RGBD, STEREO) else [(image,) for image in images]
 
 
-def _prefer(streams: list[Stream], test: Callable[[Stream], bool]) -> list[Stream]:
-    """Leave those of which something is true; all, where it is true of none."""
-    return [*filter(test, streams)] or streams
+def _best(found: list[T], *ranks: Callable[[T], Any]) -> list[T]:
+    """Leave what is first by a rank, of that what is first by the next one."""
+    for rank in ranks:
+        highest = max(map(rank, found), default=None)
+        found = [one for one in found if rank(one) == highest]
+    return found
 
 
 def _is_registered(pair: Candidate) -> bool:
@@ -428,13 +451,13 @@ def _num_frames(candidate: Candidate) -> int:
 
 
 _OF_PAIRS: tuple[Preference, ...] = (
-    ("more frames", lambda one, all_: 2 * _num_frames(one) > max(map(_num_frames, all_))),
-    ("colour", lambda pair, _: not pair[0].is_gray),
+    ("more frames", lambda all_, one: 2 * _num_frames(one) > max(map(_num_frames, all_))),
+    ("colour", lambda _, pair: not pair[0].is_gray),
 )
 # By what streams that could be chosen together are told apart, in this order; a word for each.
 PREFERENCES: dict[tuple[str, ...], tuple[Preference, ...]] = {
-    RGBD: (("depth of that camera", lambda pair, _: _nearness(pair)), *_OF_PAIRS),
-    STEREO: (("rectified", lambda pair, _: "rect" in pair[0].base), *_OF_PAIRS),
+    RGBD: (("depth of that camera", lambda _, pair: _nearness(pair)), *_OF_PAIRS),
+    STEREO: (("rectified", lambda _, pair: "rect" in pair[0].base), *_OF_PAIRS),
 }
 
 
@@ -443,7 +466,7 @@ def _preferences(group: tuple[str, ...]) -> tuple[Preference, ...]:
     if not group[0].startswith("cameras/"):
         return PREFERENCES.get(group, ())
     name = group[0].split("/")[1]
-    return (("its name", lambda one, _: name in one[0].base.split("/")),)
+    return (("its name", lambda _, one: name in one[0].base.split("/")),)
 
 
 def names_with_faults(streams: Sequence[Stream]) -> str:

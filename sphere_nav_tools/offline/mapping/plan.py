@@ -22,12 +22,14 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     """Return how a bag is mapped, `rig` being the text of its rig file; BagError where it has nothing to map."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
+    params = build(SphereMapperParams, values)  # refused before anything is read
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag) as bag:
         finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
-            kind, choice = finder.find_source(has_rig=arguments.rig is not None)
+            slack_s = params.slack_s if "slack_s" in values else None
+            kind, choice = finder.find_source(has_rig=arguments.rig is not None, slack_s=slack_s)
         elif kind != CAMERAS:
             choice = finder.find(TOPICS[kind])
         if kind == CAMERAS:
@@ -37,7 +39,6 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
             values = {"slack_s": finder.slack_s(found[TOPICS[kind][0]])} | values | {"input": kind}
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
-        build(SphereMapperParams, values)  # refused before anything is written
         finder.refuse_unread((*remap, *(stitcher[1] if stitcher is not None else ()), "tf", "tf_static"))
     return Recipe(arguments.bag.resolve(), values, remap, details, kind, stitcher, pair, stereo)
 
