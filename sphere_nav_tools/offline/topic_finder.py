@@ -161,13 +161,8 @@ class TopicFinder:
 
     def find_rig(self, names: Sequence[str]) -> Choice:
         """Return the images of those cameras of a rig file that the bag has; BagError where it has none."""
-        images = map("cameras/{}/image_raw".format, names)
-        wanted = [*filter(self.offered, images), *map("cameras/{}/image_raw".format, camera_names(self.chosen))]
-        if wanted:
-            return self.find([*dict.fromkeys(wanted)])
-        have = ", ".join(stream.topic for stream in self.streams if stream.is_image) or "none"
-        expected = f"expected images of {', '.join(names)} (rig file; or --camera NAME=TOPIC)"
-        raise BagError(f"{self.bag.path}: topics: {expected}, found {have}")
+        images, named = ([f"cameras/{name}/image_raw" for name in some] for some in (names, camera_names(self.chosen)))
+        return self.find([*dict.fromkeys([*filter(self.offered, images), *named])] or images)
 
     def find_localizer(self, settings: Mapping[str, Any]) -> Choice:
         """Return what a localiser with these parameters hears."""
@@ -276,20 +271,16 @@ class TopicFinder:
         BagError where that is not one, is none, or is of another size; of a pair P may do for K.
         """
         infos = [stream for stream in self.streams if stream.type == CAMERA_INFO]
-        fitting = [info for info in infos if info.topic == (known or f"{_folder(image)}/camera_info")]
-        if not fitting:
-            fitting = [info for info in infos if info.size == image.size or not image.width]
-            fitting = _best(fitting, lambda info: info.frame_id == image.frame_id, lambda info: not info.problem)
+        near = [info for info in infos if info.topic == (known or f"{_folder(image)}/camera_info")] or infos
+        fitting = [info for info in near if info.size == image.size or not (info.width and image.width)]
+        fitting = _best(fitting, lambda info: info.frame_id == image.frame_id, lambda info: not info.problem)
         if len(fitting) != 1:
-            sizes = ", ".join(map(_with_size, fitting or infos)) or "none"
-            expected = f"expected one topic with camera_info of {_with_size(image)}"
-            raise BagError(f"{expected}, found {sizes}; choose it by {role_of(ours).option}")
+            found = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in fitting or near) or "none"
+            expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
+            raise BagError(f"expected one topic with {expected}, found {found}; choose it by {role_of(ours).option}")
         (info,), is_pair = fitting, ours.startswith(("left", "right")) or is_rectified_topic(image.topic)
         if info.problem and not (is_pair and info.is_projected):
             raise BagError(f"{info.topic}: {info.problem}")
-        if image.width and info.width and info.size != image.size:
-            sizes = f"expected {info.width} x {info.height} ({info.topic}), found {image.width} x {image.height}"
-            raise BagError(f"{image.topic}: image size: {sizes}")
         return info
 
     def _mounted(self, stream: Stream) -> Stream:
@@ -431,10 +422,6 @@ def _is_pair(left: Stream, right: Stream) -> bool:
 def _without_rights(pictures: Sequence[Stream]) -> list[Stream]:
     """Leave out the right side of a pair."""
     return [p for p in pictures if not any(_is_pair(other, p) for other in pictures)]
-
-
-def _with_size(stream: Stream) -> str:
-    return f"{stream.topic} ({stream.width} x {stream.height})"
 
 
 def _folder(stream: Stream) -> str:

@@ -84,7 +84,12 @@ BAD = replace(image("/front/image_raw"), problem="encoding: expected better")
         ([COLOR[0]], MONO, "", f"camera_info of {COLOR[0].topic} (640 x 480), found none; choose it by --info"),
         ([BAD, COLOR[1]], ("image_raw",), BAD.topic, "image_raw: /front/image_raw (encoding: expected better)"),
         ([COLOR[0], K_0], MONO, "", f"{COLOR[1].topic}: K[0]: found focal length 0"),
-        ([COLOR[0], info(COLOR[1].topic, size=(320, 240))], MONO, "", "image size: expected 320 x 240 (/camera"),
+        (
+            [COLOR[0], info(COLOR[1].topic, size=(320, 240))],
+            MONO,
+            "",
+            f"480), found {COLOR[1].topic} (320 x 240)",
+        ),
     ],
 )
 def test_what_is_not_one_choice_is_refused_with_the_option(streams, wanted, named, message):
@@ -139,7 +144,10 @@ def test_the_cameras_of_a_rig_are_found_by_their_names_and_those_that_lack_are_l
     }
     named = {"cameras/front/image_raw": "/cam_front/image_raw"}
     assert finder_of(streams, named).find_rig(["front"]).topics == named
-    for name, message in (("front", "choose by --camera front=TOPIC"), ("top", r"images of top \(rig file; or --cam")):
+    for name, message in (
+        ("front", "choose by --camera front=TOPIC"),
+        ("top", r"images of camera top \(--camera top=TOPIC\)"),
+    ):
         with pytest.raises(BagError, match=f"drive: topics: expected .*{message}"):
             finder_of(streams).find_rig([name])
 

@@ -79,7 +79,7 @@ def test_a_rig_file_says_which_cameras_there_are(monkeypatch):
     assert found.command[-3:] == ["--rig", "six.yaml", "--camera=left=/left/image_raw"]
     assert found.note.endswith("without top")
     assert find_offer("map", finder_of([]), Path("six.yaml")).missing.startswith(
-        "expected images of left, top (rig file"
+        "expected images of camera left (--camera left=TOPIC)"
     )
 
 
