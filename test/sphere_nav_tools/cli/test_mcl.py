@@ -4,13 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Image
-from sphere_nav_msgs.msg import SphereInfo
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_sphere_info, se3_to_odometry, se3_to_transform
@@ -26,9 +22,6 @@ def recorded(tmp_path_factory):
     folder, eye = tmp_path_factory.mktemp("mcl"), Eye()
     np.save(folder / "room.npy", room_points())
     with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
-        for topic, kind in (("/sphere_info", SphereInfo), ("/odom", Odometry), ("/image_raw", Image)):
-            bag.add_topic(topic, kind, qos.STATE)
         mount = se3_to_transform(T_BASE_EYE, SECOND, "base_link", "eye")
         bag.write("/tf_static", TFMessage(transforms=[mount]), SECOND)
         for number, pose in enumerate(POSES, 1):

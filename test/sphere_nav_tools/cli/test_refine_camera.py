@@ -6,14 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
 
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
@@ -45,8 +42,6 @@ def recorded(tmp_path_factory):
     places = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.8, -1.0)]
     save_map(folder / "map", make_map(room, places, Spherical(1024, 512)).graph)
     with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
-        bag.add_topic("/image_raw", Image, qos.STATE)
         rng = np.random.default_rng(3)
         for k in range(NUM_IMAGES):
             stamp, t = START_NS + k * STEP_NS, k * STEP_NS * 1e-9
@@ -101,7 +96,6 @@ def drive(folder, count):
     """A bag with the odometry of a vehicle that weaves, and its camera's poses between those messages."""
     T_odom_base, poses = SE3.identity(), []
     with BagWriter(folder) as bag:
-        bag.add_topic("/wheels", Odometry, qos.SENSOR)
         for k in range(count):
             step = SE3.exp([0.04, 0.0, 0.0, 0.0, 0.0, 0.02 * np.sin(0.05 * k)])
             stamp = 1_000_000_000 + k * PERIOD_NS
