@@ -321,7 +321,8 @@ class TopicFinder:
             left, right = (next(self.bag.messages([info])).message for info in infos)
             open_pair(left, right, self.frames.lookup)
         if kind != "sphere":
-            self.check_stamps(*(found[ours] for ours in (STEREO if kind == "stereo" else RGBD)), slack_s)
+            one, other = STEREO if kind == "stereo" else RGBD
+            self.check_stamps(found[one], found[other], slack_s)
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
         """Return what needs no search: what the user named, and our own names."""
