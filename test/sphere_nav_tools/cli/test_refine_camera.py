@@ -18,6 +18,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import refine_camera
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 from sphere_nav_tools.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
 from worlds.localizer import STEP_NS, at, make_map
 from worlds.room import wide_room
@@ -105,7 +106,7 @@ def drive(folder, count):
             poses.append(SE3.from_planar(5.0, 1.0, 0.7) @ between @ T_BASE_CAMERA @ T_BODY_OPTICAL)
             T_odom_base = T_odom_base @ step
     stamps = 1_000_000_000 + PERIOD_NS // 2 + PERIOD_NS * np.arange(count)
-    return Trajectory(stamps, SE3(np.stack([pose.matrix for pose in poses])))
+    return trajectory_of(stamps, poses)
 
 
 def mounting_of(folder, mounting, camera):
