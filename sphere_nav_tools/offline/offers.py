@@ -50,6 +50,7 @@ def find_offer(job: str, finder: TopicFinder, rig: Path | None = None) -> Offer:
         words, note, reason = find(finder, rig)
     except BagError as error:
         return Offer(job, missing=str(error).removeprefix(f"{bag}: topics: "))
+    words += ["--mounting", finder.mounting] if finder.mounting else []
     command = ["sphere_nav", job, *given, str(bag), "-o", f"{bag.stem}{ending}", *words]
     return Offer(job, command, note=note, reason=reason)
 

@@ -189,13 +189,12 @@ def _draw_states(statuses: list[Status], axes: Axes, start: int) -> None:
     begins = (np.array([status.stamp_ns for status in ordered]) - start) * 1e-9
     widths = np.maximum(np.diff(begins, append=begins[-1]), 1e-3)
     told = [(str(status.state), str(status.reason)) for status in ordered]
-    states, reasons = ({words[at] for words in told if words[at]} for at in (0, 1))
+    states, reasons = {state for state, _ in told}, {reason for _, reason in told if reason}
     names = [*(str(state) for state in State if state in states), *sorted(reasons)]
     for row, name in enumerate(names):
-        chosen = [i for i, words in enumerate(told) if name in words]
-        spans, half = [(begins[i], widths[i]) for i in chosen], 0.4 if name in states else 0.2
+        chosen, half = [i for i, words in enumerate(told) if name in words], 0.2 if name in reasons else 0.4
         colors = [COLORS[State(told[i][0])] for i in chosen]
-        axes.broken_barh(spans, (row - half, 2.0 * half), facecolors=colors)
+        axes.broken_barh([(begins[i], widths[i]) for i in chosen], (row - half, 2.0 * half), facecolors=colors)
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
 
