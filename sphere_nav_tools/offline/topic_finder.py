@@ -186,16 +186,17 @@ class TopicFinder:
         if has_rig or CAMERAS in named or (camera_names(s.base.strip("/") for s in self.streams) and not own):
             return CAMERAS, Choice({})
         has_spheres = any(stream.type == SPHERE for stream in self.streams)
-        reasons = []
+        lacking, odd = list[str](), list[str]()  # why there are none; why those that there are cannot be used
         for kind in named or own or [kind for kind in TOPICS if (kind == "sphere") == has_spheres]:
+            told = lacking
             try:
-                choice = self._find(TOPICS[kind])
+                choice, told = self._find(TOPICS[kind]), odd
                 self.check_source(kind, choice.topics, slack_s)
                 return kind, choice
             except ValueError as error:
-                reasons.append(str(error))
-        reasons += [ALONE] * (len(self.views(has_pairs=True)) == 1)
-        raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys(reasons))}")
+                told.append(str(error))
+        lacking += [ALONE] * (len(self.views(has_pairs=True)) == 1)
+        raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys(odd or lacking))}")
 
     def drivers(self) -> list[Driver]:
         """Return the presets whose topics are all there under their usual names, those with registered depth first."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -175,6 +176,13 @@ def test_a_camera_counts_once_with_color_the_left_of_a_pair_and_never_in_infrare
 )
 def test_what_spheres_are_made_of_is_told_by_what_there_is(streams, chosen, has_rig, kind):
     assert finder_of(streams, chosen).find_source(has_rig=has_rig)[0] == kind
+
+
+def test_what_is_found_but_does_not_belong_together_is_the_only_reason(monkeypatch):
+    finder = finder_of([*COLOR, *ALIGNED])
+    monkeypatch.setattr(finder, "check_source", Mock(side_effect=ValueError("expected one instant")))
+    with pytest.raises(BagError, match=r"^drive: topics: expected one instant$"):
+        finder.find_source()
 
 
 TWO = {f"cameras/{name}/image_raw": COLOR[0].topic for name in "ab"}
