@@ -88,12 +88,9 @@ class TopicFinder:
     @cached_property
     def usable(self) -> list[Stream]:
         """Those that can be used, without the compressed copy of a raw topic."""
-        best: dict[tuple[str, bool], Stream] = {}
-        for stream in self.streams:
-            key = stream.base, stream.is_depth
-            if not stream.problem and (key not in best or stream.type == IMAGE):
-                best[key] = stream
-        return list(best.values())
+        raw_last = sorted(self.streams, key=lambda stream: stream.type == IMAGE)
+        best = {(stream.base, stream.is_depth): stream for stream in raw_last if not stream.problem}
+        return sorted(best.values(), key=lambda stream: stream.topic)
 
     @cached_property
     def frames(self) -> TransformTree:
@@ -460,8 +457,8 @@ def _preferences(group: tuple[str, ...]) -> tuple[Preference, ...]:
 
 def names_with_faults(streams: Sequence[Stream]) -> str:
     """Return the topics; what is wrong with those that cannot be used goes before all that are something else."""
-    broken = [f"{stream.topic} ({_fault(stream)})" for stream in streams if _fault(stream)]
-    return ", ".join(broken or [stream.topic for stream in streams]) or "none"
+    faults = {stream.topic: _fault(stream) for stream in streams}
+    return ", ".join([f"{topic} ({fault})" for topic, fault in faults.items() if fault] or faults) or "none"
 
 
 def _fault(stream: Stream) -> str:
