@@ -24,7 +24,16 @@ from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO, VIDEO, Stream, read_streams
+from sphere_nav.ros.bags.streams import (
+    CAMERA_INFO,
+    IMAGE,
+    NUM_SAMPLES,
+    SPHERE,
+    SPHERE_INFO,
+    VIDEO,
+    Stream,
+    read_streams,
+)
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
 from sphere_nav.ros.conversions import is_rectified_topic, stamp_ns
@@ -171,11 +180,11 @@ class TopicFinder:
             return self.find(images + [f"{c}camera_info" for c in cameras if f"{c}sphere_info" not in self.chosen])
         return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
 
-    def find_source(self, *, has_rig: bool = False, slack_s: float | None = None) -> tuple[str, Choice]:
+    def find_source(self, settings: Mapping[str, Any] | None = None, *, has_rig: bool = False) -> tuple[str, Choice]:
         """Return what spheres are made of, a kind of TOPICS with its topics, or CAMERAS; BagError: nothing.
 
-        What the user named decides, else our own names, else what is found; by calibrations, frames and stamps, which
-        may be `slack_s` apart, it must belong together.
+        What the user named decides, else our own names, else what is found; by calibrations, frames and stamps it must
+        belong together, as far as no parameter of the mapper says more.
         """
         is_own = {kind: {*map(absolute, wanted)} <= self.by_name.keys() for kind, wanted in TOPICS.items()}
         own = [kind for kind in TOPICS if is_own[kind] and not self.chosen]
@@ -188,7 +197,7 @@ class TopicFinder:
             told = lacking
             try:
                 choice, told = self._find(TOPICS[kind]), odd
-                self.check_source(kind, choice.topics, slack_s)
+                self.check_source(kind, choice.topics, settings or {})
                 return kind, choice
             except ValueError as error:
                 told.append(str(error))
@@ -307,20 +316,21 @@ class TopicFinder:
         reason = ", ".join(dict.fromkeys(filter(None, reasons))) or "the only ones"
         return Choice({ours: found[ours] for ours in (*wanted, *found)}, reason)
 
-    def check_source(self, kind: str, found: Mapping[str, str], slack_s: float | None) -> None:
+    def check_source(self, kind: str, found: Mapping[str, str], settings: Mapping[str, Any]) -> None:
         """Raise ValueError for topics that do not belong together: two calibrations, frames, instants."""
-        if "depth/camera_info" in found:
+        if "depth/camera_info" in found and not settings.get("depth_pose"):
             image, depth = (self.by_name[found[ours]].frame_id for ours in ("image_raw", "depth/camera_info"))
             if not self.frames.is_connected(image, depth):
                 expected = f"expected {depth} and {image} on /tf_static"
                 raise BagError(f"{expected}, found no way: record it, or registered depth")
         if kind == "stereo":
             infos = (found[f"{side}/camera_info"] for side in ("left", "right"))
-            left, right = (next(self.bag.messages([info])).message for info in infos)
+            first = ([*islice(self.bag.messages([info]), NUM_SAMPLES)] for info in infos)
+            left, right = (told[-1].message for told in first)  # a driver that begins may tell nothing yet
             open_pair(left, right, self.frames.lookup)
         if kind != "sphere":
             one, other = STEREO if kind == "stereo" else RGBD
-            self.check_stamps(found[one], found[other], slack_s)
+            self.check_stamps(found[one], found[other], settings.get("slack_s"))
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
         """Return what needs no search: what the user named, and our own names."""

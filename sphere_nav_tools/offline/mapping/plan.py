@@ -22,14 +22,13 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     """Return how a bag is mapped, `rig` being the text of its rig file; BagError where it has nothing to map."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
-    params = build(SphereMapperParams, values)  # refused before anything is read
+    build(SphereMapperParams, values)  # refused before anything is read
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag) as bag:
         finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
-            slack_s = params.slack_s if "slack_s" in values else None
-            kind, choice = finder.find_source(has_rig=arguments.rig is not None, slack_s=slack_s)
+            kind, choice = finder.find_source(values, has_rig=arguments.rig is not None)
         elif kind != CAMERAS:
             choice = finder.find(TOPICS[kind])
         if kind == CAMERAS:

@@ -185,6 +185,16 @@ def test_what_is_found_but_does_not_belong_together_is_the_only_reason(monkeypat
         finder.find_source()
 
 
+def test_depth_of_its_own_camera_needs_a_way_to_the_image_or_a_measured_pose(monkeypatch):
+    finder, check = finder_of([*COLOR, *DEPTH]), TopicFinder.check_source
+    found = finder.find(RGBD).topics
+    monkeypatch.setattr(finder, "check_stamps", Mock())
+    with pytest.raises(BagError, match="expected depth_optical and color_optical on /tf_static, found no way"):
+        check(finder, "rgbd", found, {})
+    check(finder, "rgbd", found, {"depth_pose": "0.1,0,0,0,0,0", "slack_s": 0.3})
+    finder.check_stamps.assert_called_once_with(COLOR[0].topic, DEPTH[0].topic, 0.3)
+
+
 TWO = {f"cameras/{name}/image_raw": COLOR[0].topic for name in "ab"}
 LENSES = [Stream(f"/{name}/sphere_info", SPHERE_INFO, 9, 30.0, name) for name in ("other", "theta")]
 
