@@ -83,10 +83,8 @@ def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path
 START_NS, NUM = 1_000_000_000, 5
 
 
-def status(state, reason="", milliseconds=0.0, remedy=""):
-    return Recorded(
-        "/status", 0, status_to_message(Status(state, str(reason), 0, 0, remedy, milliseconds=milliseconds), 5, "map")
-    )
+def status(state, reason="", milliseconds=0.0):
+    return Recorded("/status", 0, status_to_message(Status(state, str(reason), milliseconds=milliseconds), 5, "map"))
 
 
 def pose(second, x):

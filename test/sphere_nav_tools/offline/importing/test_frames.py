@@ -20,9 +20,9 @@ LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
 SECOND = 10**9
 
 
-def write(path, level=50, shape=(12, 16), kind=np.uint8):
+def write(path, level=50):
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.full(shape, level, kind))
+    assert cv2.imwrite(str(path), np.full((12, 16), level, np.uint8))
 
 
 def test_a_stamp_is_told_by_its_digits():

@@ -25,9 +25,9 @@ def call(*words):
     return main([str(word) for word in words])
 
 
-def wall(shift, lens=LENS):
+def wall(shift):
     """A textured wall 4 m ahead of a camera so far (m) to the right."""
-    rays = lens.unproject(pixel_grid(lens))
+    rays = LENS.unproject(pixel_grid(LENS))
     points = rays / rays[..., 2:] * 4.0 + [shift, 0.0, 0.0]
     levels = 128 + 14 * np.sum(np.sin(points @ WAVES.T * 3.0 + np.arange(24)), axis=-1)
     return np.clip(levels, 1, 255).astype(np.uint8)
