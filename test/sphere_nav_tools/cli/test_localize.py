@@ -80,9 +80,6 @@ def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path
         assert isinstance(first, PoseWithCovarianceStamped)
 
 
-START_NS, NUM = 1_000_000_000, 5
-
-
 def status(state, reason="", milliseconds=0.0):
     return Recorded("/status", 0, status_to_message(Status(state, str(reason), milliseconds=milliseconds), 5, "map"))
 
