@@ -8,9 +8,9 @@ from pathlib import Path
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav_tools.cli.arguments import add, choose
-from sphere_nav_tools.offline.evaluation import AUTO, describe_alignment
+from sphere_nav_tools.offline.evaluation import AUTO, ESTIMATE_TOPICS, describe_alignment
 from sphere_nav_tools.offline.localizing import describe_states
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.pose_bags import find_topic, read_poses
 from sphere_nav_tools.offline.settings import add_output, check_ending, check_free
 
 HELP = """\
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
     from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
     with BagReader(arguments.bag) as bag:
-        pose = arguments.pose or plot_figure.find_pose_topic(bag)
+        pose = arguments.pose or find_topic(bag, ESTIMATE_TOPICS)
         statuses = plot_figure.read_statuses(bag, arguments.status)
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:

@@ -69,7 +69,7 @@ def replay_localizer(
         bus = OfflineBus(set(published_topics), start_ns=bag.time_range[0])
         stack.callback(bus.close)
         finder = TopicFinder.of(bag, arguments)
-        remap = finder.require(finder.find_localizer(arguments.settings))
+        remap = finder.odometry | finder.find_localizer(arguments.settings).topics
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
         cameras = topics.camera_names(remap)
         given: dict[str, Any] = {"rig.cameras": ",".join(cameras)} if cameras else {}

@@ -6,13 +6,11 @@ its nodes, and seen to belong together: sizes, calibrations, frames, stamps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from sphere_mapping.ros.stereo_intake import open_pair
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.localization.params import RigParams
 from sphere_nav.ros.bags.recorded import BagError
@@ -23,13 +21,12 @@ from sphere_nav.ros.maps.writer import MAP_FRAME
 from sphere_nav_tools.offline.topic_finder import (
     CAMERA_IS_VEHICLE,
     CAMERAS,
-    RGBD,
-    STEREO,
     Choice,
     TopicFinder,
     names_of_cameras,
+    names_with_faults,
 )
-from sphere_nav_tools.offline.topics import BASE_FRAME, TF_TOPIC, camera_names, options_of
+from sphere_nav_tools.offline.topics import BASE_FRAME, DEPTH, TF_TOPIC, camera_names, options_of
 
 MIN_RIG_CAMERAS = 3
 MAP, CLOUD_FILE, RIG_FILE = "MAP", "CLOUD", "rig.yaml"  # words of a command that stand for what the user has
@@ -48,10 +45,14 @@ class Offer:
 
 def find_offer(job: str, finder: TopicFinder, rig: Path | None = None) -> Offer:
     """Return what a bag does for a job: map (with the rig file of its cameras), localize, mcl."""
+    (given, ending, find), bag = JOBS[job], finder.bag.path
     try:
-        return {"map": _offer_map, "localize": _offer_localize, "mcl": _offer_mcl}[job](finder, rig)
+        words, note, reason = find(finder, rig)
     except BagError as error:
-        return Offer(job, missing=str(error).removeprefix(f"{finder.bag.path}: topics: "))
+        return Offer(job, missing=str(error).removeprefix(f"{bag}: topics: "))
+    words += ["--mounting", finder.mounting] if finder.mounting else []
+    command = ["sphere_nav", job, *given, str(bag), "-o", f"{bag.stem}{ending}", *words]
+    return Offer(job, command, note=note, reason=reason)
 
 
 def odometry_of(finder: TopicFinder) -> str:
@@ -60,63 +61,43 @@ def odometry_of(finder: TopicFinder) -> str:
     return finder.odometry.get("odom", f"{TF_TOPIC} ({edge[0]} to {edge[1]})" if edge else "")
 
 
-def check_source(finder: TopicFinder, kind: str, found: dict[str, str]) -> None:
-    """Raise ValueError for topics that do not belong together: two calibrations, frames, instants."""
-    if "depth/camera_info" in found:
-        image, depth = (finder.by_name[found[ours]].frame_id for ours in ("image_raw", "depth/camera_info"))
-        if not finder.frames.is_connected(image, depth):
-            raise BagError(f"expected {depth} and {image} on /tf_static, found no way: record it, or registered depth")
-    if kind == "stereo":
-        left, right = (next(finder.bag.messages([found[f"{side}/camera_info"]])).message for side in ("left", "right"))
-        open_pair(left, right, finder.frames.lookup)
-    if kind != "sphere":
-        check_stamps(finder, *(found[ours] for ours in (STEREO if kind == "stereo" else RGBD)))
+Found = tuple[list[str], str, str]  # options, note, reason
 
 
-def check_stamps(finder: TopicFinder, one: str, other: str) -> None:
-    """Raise BagError where no two images of two cameras are of one instant."""
-    slack_s, found_s = finder.slack_s(one), finder.nearest_pair_s(one, other)
-    if found_s > slack_s:
-        expected = f"stamps within {1e3 * slack_s:.0f} ms of {one} (--set slack_s={slack_s:g})"
-        raise BagError(f"{other}: expected {expected}, found {1e3 * found_s:.0f} ms at the nearest")
-
-
-def _offer_map(finder: TopicFinder, rig: Path | None) -> Offer:
+def _offer_map(finder: TopicFinder, rig: Path | None) -> Found:
     """From spheres, colour and depth, a stereo pair, or the cameras of a rig."""
-    command = ["sphere_nav", "map", str(finder.bag.path), "-o", f"{finder.bag.path.stem}_map"]
     try:
-        kind, choice = finder.find_source(has_rig=rig is not None, check=partial(check_source, finder))
+        kind, choice = finder.find_source(has_rig=rig is not None)
     except BagError:
-        has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
-        if has_depth or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
+        if finder.offered(DEPTH) or len(finder.views(has_pairs=True)) < MIN_RIG_CAMERAS:
             raise
-        return _offer_rig(finder, rig, command)
+        kind = CAMERAS
     if kind == CAMERAS:
-        return _offer_rig(finder, rig, command)
+        return _offer_rig(finder, rig)
     note = NOTES[kind] + REGISTERED * ("depth/camera_info" in choice.topics) + _rectified(choice.topics)
-    return Offer("map", command + options_of(choice.topics), note=note, reason=choice.reason)
+    return options_of(choice.topics), note, choice.reason
 
 
 NOTES = {"sphere": "from spheres", "rgbd": "from colour and depth", "stereo": "from a stereo pair"}
 REGISTERED = ", depth registered to the images by both calibrations and /tf_static"
 
 
-def _offer_rig(finder: TopicFinder, rig: Path | None, command: list[str]) -> Offer:
+def _offer_rig(finder: TopicFinder, rig: Path | None) -> Found:
     """By several cameras, named as in the rig file, or as their topics differ."""
     if rig is None:
         note = f"from the cameras of a rig, with {RIG_FILE} (sphere_nav calibrate, or rig-convert) that has these names"
         views = finder.views(has_pairs=True)
         if not views:
-            raise BagError(finder.find(["image_raw"]).reason)
-        return Offer("map", [*command, "--rig", RIG_FILE, *_named_views(views)], note=note)
-    names = list(read_rig(rig).names)
+            finder.find(["image_raw"])  # says what is wrong
+            raise BagError(f"expected images (--image), found {names_with_faults(finder.streams)}")
+        return ["--rig", RIG_FILE, *_named_views(views)], note, ""
+    names = read_rig(rig).names
     choice = finder.find_rig(names)
-    topics = finder.require(choice)
-    found = {name: topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
+    found = {name: choice.topics[f"cameras/{name}/image_raw"] for name in camera_names(choice.topics)}
     lacking = ", ".join(name for name in names if name not in found)
     note = "from the cameras of a rig" + (f", without {lacking}" if lacking else "")
     words = [f"--camera={name}={topic}" for name, topic in found.items()]
-    return Offer("map", [*command, "--rig", str(rig), *words], note=note, reason=choice.reason)
+    return ["--rig", str(rig), *words], note, choice.reason
 
 
 def _rectified(topics: Mapping[str, str]) -> str:
@@ -130,59 +111,72 @@ NO_ODOMETRY = f"no place is trusted without odometry (nav_msgs/Odometry, or a fr
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
-def _offer_localize(finder: TopicFinder, _: Path | None) -> Offer:
-    """By one camera, or by several that sit on one vehicle."""
-    command = ["sphere_nav", "localize", MAP, str(finder.bag.path), "-o", f"{finder.bag.path.stem}.tum"]
-    choice, more = _or_panorama(finder, finder.find_localizer({}))
-    views = finder.views(has_pairs=True)
-    if not (choice.topics or finder.chosen) and len(views) > 1:
-        with suppress(BagError):
-            return _offer_cameras(finder, command, views)
-    words, odometry = options_of(finder.require(choice)), odometry_of(finder)
-    note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
-    return Offer("localize", [*command, *words, *more], note=note + _rectified(choice.topics), reason=choice.reason)
-
-
-def _or_panorama(finder: TopicFinder, choice: Choice) -> tuple[Choice, list[str]]:
+def _find_camera(finder: TopicFinder, wanted: Sequence[str] = ()) -> tuple[Choice, list[str]]:
     """Return the images of a camera; where none is calibrated, those that may be whole spheres, and the option then."""
-    if choice.topics or any(stream.encoding and not stream.is_image for stream in finder.streams):
-        return choice, []
-    whole = finder.find(["image_raw"])
-    image = finder.by_name.get(whole.topics.get("image_raw", ""))
-    is_panorama = image is not None and image.width == 2 * image.height and image.width > 0
-    return (whole, ["--set", "is_panorama=true"]) if is_panorama else (choice, [])
+    try:
+        return finder.find(wanted) if wanted else finder.find_localizer({}), []
+    except BagError:
+        with suppress(BagError):
+            whole = finder.find(["image_raw"])
+            image = finder.by_name[whole.topics["image_raw"]]
+            is_calibrated = any(stream.type == CAMERA_INFO and stream.encoding for stream in finder.streams)
+            if image.width == 2 * image.height > 0 and not is_calibrated:
+                return whole, ["--set", "is_panorama=true"]
+        raise
+
+
+def _offer_localize(finder: TopicFinder, _: Path | None) -> Found:
+    """By one camera, or by several that sit on one vehicle."""
+    try:
+        choice, more = _find_camera(finder)
+    except BagError:
+        views = finder.views(has_pairs=True)
+        if len(views) > 1 and not finder.chosen:
+            with suppress(BagError):
+                return _offer_cameras(finder, views)
+        raise
+    words, odometry = options_of(finder.odometry | choice.topics), odometry_of(finder)
+    note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" if odometry else "ready"
+    return words + more, note + _rectified(choice.topics), choice.reason
 
 
 def _named_views(views: Sequence[Stream]) -> list[str]:
     return [f"--camera={name}={view.topic}" for name, view in zip(names_of_cameras(views), views, strict=True)]
 
 
-def _offer_cameras(finder: TopicFinder, command: list[str], views: Sequence[Stream]) -> Offer:
+def _offer_cameras(finder: TopicFinder, views: Sequence[Stream]) -> Found:
     """By all cameras: lenses and places by the bag, or of many without by the map of the rig; BagError: by neither."""
     words, frames = _named_views(views), finder.frames
     if len(views) >= MIN_RIG_CAMERAS and not any(stream.type == CAMERA_INFO for stream in finder.streams):
         note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
-        command = [*command, "--set", "rig.calibration=map", *words]
+        words = ["--set", "rig.calibration=map", *words]
         if not finder.mounting and not frames.is_connected(BASE_FRAME, RigParams().frame):
             note += ", which is taken as the vehicle; --mounting tells otherwise"
-            command += ["--mounting", CAMERA_IS_VEHICLE]
-        return Offer("localize", command, note=note)
+            words += ["--mounting", CAMERA_IS_VEHICLE]
+        return words, note, ""
     for view in views:
         finder.calibration_of(view)
         if not frames.is_connected(BASE_FRAME, view.frame_id):
             raise BagError(f"expected {view.frame_id} on /tf_static, found no way to it")
-    return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
+    return words, f"ready, by {len(views)} cameras", ""
 
 
-def _offer_mcl(finder: TopicFinder, _: Path | None) -> Offer:
+def _offer_mcl(finder: TopicFinder, _: Path | None) -> Found:
     """In bare geometry."""
-    choice, more = _or_panorama(finder, finder.find(("image_raw", finder.lens)))
-    words, frame = options_of(finder.require(choice)), finder.by_name[choice.topics["image_raw"]].frame_id
+    choice, more = _find_camera(finder, ("image_raw", finder.lens))
+    words, frame = options_of(finder.odometry | choice.topics), finder.by_name[choice.topics["image_raw"]].frame_id
     if not finder.mounting and not finder.frames.is_connected(BASE_FRAME, frame):
         expected = f"{BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
         raise BagError(f"expected {expected}, found neither")
     clouds = ", ".join(stream.topic for stream in finder.streams if stream.type == CLOUD)
     notes = [f"the bag has point clouds, too ({clouds})"] * bool(clouds) + [NO_ODOMETRY] * (not odometry_of(finder))
     note = PANORAMA_NOTE if more else "; ".join(["ready", *notes]) if notes else ""
-    command = ["sphere_nav", "mcl", CLOUD_FILE, str(finder.bag.path), "-o", f"{finder.bag.path.stem}_mcl.tum"]
-    return Offer("mcl", [*command, *words, *more], note=note, reason=choice.reason)
+    return words + more, note, choice.reason
+
+
+# What a command is given before the bag, how its output ends, and what finds the rest.
+JOBS: dict[str, tuple[Sequence[str], str, Callable[[TopicFinder, Path | None], Found]]] = {
+    "map": ((), "_map", _offer_map),
+    "localize": ((MAP,), ".tum", _offer_localize),
+    "mcl": ((CLOUD_FILE,), "_mcl.tum", _offer_mcl),
+}

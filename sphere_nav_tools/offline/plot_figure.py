@@ -19,13 +19,11 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.localization.status import TRUSTED, State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
-    ESTIMATE_TOPICS,
     TRUTH_TOPICS,
     Judged,
     alignment_of,
@@ -33,7 +31,7 @@ from sphere_nav_tools.offline.evaluation import (
     evaluate_poses,
     read_trajectory,
 )
-from sphere_nav_tools.offline.pose_bags import READINGS, first_topic, is_bag
+from sphere_nav_tools.offline.pose_bags import find_topic, is_bag
 from sphere_nav_tools.offline.tables import columns
 
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
@@ -47,13 +45,6 @@ COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.LOST: "#D55E00",
 }
 TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#0072B2", "#D55E00", "#0072B2", "#E69F00"
-
-
-def find_pose_topic(bag: BagReader) -> str:
-    """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
-    topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
-    named = [t for name in ESTIMATE_TOPICS for t in sorted(topics) if t.split("/")[-1] == name]
-    return next((topic for topic in named if not any(word in topic for word in TRUTH_WORDS)), "")
 
 
 def read_statuses(bag: BagReader, topic: str | None = None) -> list[Status]:
@@ -78,7 +69,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         return None
     if is_bag(truth):
         with BagReader(truth) as bag:
-            if not is_required and not first_topic(bag, TRUTH_TOPICS):
+            if not is_required and not find_topic(bag, TRUTH_TOPICS):
                 return None
     true = read_trajectory(truth, None, TRUTH_TOPICS)
     return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
@@ -198,13 +189,12 @@ def _draw_states(statuses: list[Status], axes: Axes, start: int) -> None:
     begins = (np.array([status.stamp_ns for status in ordered]) - start) * 1e-9
     widths = np.maximum(np.diff(begins, append=begins[-1]), 1e-3)
     told = [(str(status.state), str(status.reason)) for status in ordered]
-    states, reasons = ({words[at] for words in told if words[at]} for at in (0, 1))
+    states, reasons = {state for state, _ in told}, {reason for _, reason in told if reason}
     names = [*(str(state) for state in State if state in states), *sorted(reasons)]
     for row, name in enumerate(names):
-        chosen = [i for i, words in enumerate(told) if name in words]
-        spans, half = [(begins[i], widths[i]) for i in chosen], 0.4 if name in states else 0.2
+        chosen, half = [i for i, words in enumerate(told) if name in words], 0.2 if name in reasons else 0.4
         colors = [COLORS[State(told[i][0])] for i in chosen]
-        axes.broken_barh(spans, (row - half, 2.0 * half), facecolors=colors)
+        axes.broken_barh([(begins[i], widths[i]) for i in chosen], (row - half, 2.0 * half), facecolors=colors)
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
 

@@ -16,7 +16,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.odometry_input import is_truth
 from sphere_nav.ros.conversions import pose_to_se3, pose_with_covariance_to_se3, stamp_ns
 from sphere_nav.ros.interfaces import type_name
 
@@ -49,9 +49,9 @@ def is_bag(path: Path) -> bool:
 
 
 def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
-    """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
+    """Read what `find_topic` finds by `topics`, by the stamps of its headers; a repeated stamp counts once."""
     with BagReader(path) as bag:
-        info = bag.require(first_topic(bag, topics) or topics[0])
+        info = bag.require(find_topic(bag, topics) or topics[0])
         if info.type not in READINGS:
             raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
         poses = {}
@@ -62,6 +62,14 @@ def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
     return sort_poses(poses)
 
 
-def first_topic(bag: BagReader, topics: Sequence[str]) -> str:
-    """Return the first topic on which a bag has messages; empty: none."""
-    return next((topic for topic in topics if (info := bag.topics.get(absolute(topic))) and info.count), "")
+def find_topic(bag: BagReader, names: Sequence[str]) -> str:
+    """Return the topic of poses that is, or ends as, the first name does, the shortest; no truth for an estimate.
+
+    Empty where there is none.
+    """
+    topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
+    for name in names:
+        for topic in sorted(topics, key=len):
+            if (topic == name or topic.endswith(f"/{name}")) and is_truth(topic) == is_truth(name):
+                return topic
+    return ""

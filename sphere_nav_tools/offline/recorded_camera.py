@@ -49,7 +49,7 @@ class RecordedCamera:
         self._path = path
         with BagReader(path) as bag:
             finder = TopicFinder.of(bag, arguments)
-            self._topics = finder.require(finder.find(("image_raw", "camera_info")))
+            self._topics = finder.odometry | finder.find(("image_raw", "camera_info")).topics
             told = next(iter(bag.messages([self._topics["camera_info"]]))).message
             info = conversions.as_rectified(
                 told, is_rectified=conversions.is_rectified_topic(self._topics["image_raw"])

@@ -13,7 +13,7 @@ from typing import Any
 from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import driver_names
-from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
+from sphere_nav.ros.camera.odometry_input import is_truth
 
 PICTURES = (IMAGE, COMPRESSED)
 DEPTH = "depth/image_raw"
@@ -39,7 +39,7 @@ ROLES = {
     "left/camera_info": Role("--left-info", "its calibration", (CAMERA_INFO,)),
     "right/image_raw": Role("--right", "images of the right camera beside it", PICTURES, lambda s: s.is_picture),
     "right/camera_info": Role("--right-info", "its calibration", (CAMERA_INFO,)),
-    "odom": Role("--odom", "odometry", (ODOMETRY,), lambda s: not any(word in s.topic for word in TRUTH_WORDS)),
+    "odom": Role("--odom", "odometry", (ODOMETRY,), lambda s: not is_truth(s.topic)),
     "imu": Role("--imu", "inertial measurements", (IMU,), lambda s: "gyro" not in s.topic),
     "sphere": Role("--remap sphere:=TOPIC", "spheres", (SPHERE,)),
     "sphere_info": Role("--remap sphere_info:=TOPIC", "lens of panoramas", (SPHERE_INFO,)),

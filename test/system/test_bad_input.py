@@ -54,7 +54,7 @@ NO_BAGS = {
 NO_POSES = {
     "no_images": ("expected", "image_raw", "found"),
     "no_info": ("expected", "camera_info", "found"),
-    "other_size": ("/image_raw: image size: expected 320 x 240 (/camera_info), found 160 x 120",),
+    "other_size": ("expected one topic with camera_info of /image_raw (160 x 120), found /camera_info (320 x 240)",),
     "no_focal_length": ("camera_optical: K[0]: expected a calibrated camera, found focal length 0",),
 }
 NO_RANGE = {

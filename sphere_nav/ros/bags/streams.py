@@ -16,12 +16,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
-from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import TopicInfo
 from sphere_nav.ros.conversions.driving import check_scan
 from sphere_nav.ros.conversions.images import (
-    COMPRESSED_DEPTH_HEADER,
     DEPTH_ENCODINGS,
     ENCODINGS,
     is_sixteen_bit,
@@ -103,18 +102,15 @@ def read_streams(bag: BagReader) -> list[Stream]:
     """Return what the bag offers, in the order of the names; BagError for a damaged bag."""
     if bag not in _READ:
         first, last = bag.time_range
-        seconds = (last - first) * 1e-9
-        offered = [info for _, info in sorted(bag.topics.items()) if info.count]
-        rates = [(info.count - 1) / seconds if seconds > 0 else 0.0 for info in offered]
-        shown = [_examine(bag, info.name, info.type) for info in offered]
-        told = zip(shown, offered, rates, strict=True)
-        _READ[bag] = [replace(stream, count=info.count, rate_hz=rate) for stream, info, rate in told]
+        offered = (info for _, info in sorted(bag.topics.items()) if info.count)
+        _READ[bag] = [_examine(bag, info, (last - first) * 1e-9) for info in offered]
     return _READ[bag]
 
 
-def _examine(bag: BagReader, topic: str, kind: str) -> Stream:
-    first = islice(bag.messages([topic]), NUM_SAMPLES) if kind in WITH_FRAME else ()
-    return examine_samples([(item.stamp_ns, item.message) for item in first], kind, topic)
+def _examine(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:
+    first = islice(bag.messages([info.name]), NUM_SAMPLES) if info.type in WITH_FRAME else ()
+    shown = examine_samples([(item.stamp_ns, item.message) for item in first], info.type, info.name)
+    return replace(shown, count=info.count, rate_hz=(info.count - 1) / seconds if seconds > 0 else 0.0)
 
 
 def examine_samples(found: Sequence[tuple[int, Any]], kind: str, topic: str) -> Stream:
@@ -127,9 +123,9 @@ def examine_samples(found: Sequence[tuple[int, Any]], kind: str, topic: str) -> 
         if not one.problem:
             break
     if kind in WITH_STAMPS and found:
-        stamps = [conversions.stamp_ns(message) for _, message in found]
-        lead_ns = min(stamp - time for stamp, (time, _) in zip(stamps, found, strict=True))
-        shown = replace(shown, lead_ns=max(lead_ns, 0), problem=shown.problem or _fault_of(stamps))
+        lead_ns = min(conversions.stamp_ns(message) - time for time, message in found)
+        fault = _fault_of([conversions.stamp_ns(message) for _, message in found])
+        shown = replace(shown, lead_ns=max(lead_ns, 0), problem=shown.problem or fault)
     return shown
 
 
@@ -176,17 +172,14 @@ def _check_pixels(message: Image, *, has_depth: bool) -> None:
 
 
 def _examine_compressed(message: CompressedImage, topic: str) -> Fields:
-    data, encoding = bytes(message.data), message.format
-    encoding = f"{COMPRESSED_WORD}mono16; {encoding}" if is_sixteen_bit(message) else f"{COMPRESSED_WORD}{encoding}"
+    encoding = COMPRESSED_WORD + "mono16; " * is_sixteen_bit(message) + message.format
     yield {"encoding": encoding}
-    with suppress(ValueError):
-        width, height = encoded_size(data[COMPRESSED_DEPTH_HEADER.size * ("compressedDepth" in message.format) :])
-        yield {"width": width, "height": height}
     try:
         image = conversions.decompress(message)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith("format") else f"format {message.format!r}: {text}") from None
+    yield {"width": image.width, "height": image.height}
     _check_pixels(image, has_depth=is_depth(encoding, topic))
 
 

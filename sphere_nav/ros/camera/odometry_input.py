@@ -13,13 +13,16 @@ from sphere_nav.ros.constants import MAX_ODOMETRY_AGE_S
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformError, TransformTree
 
-TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")  # in names of what is no odometry
+
+def is_truth(name: str) -> bool:
+    """Whether a topic or a frame says that it is the truth."""
+    return "truth" in name
 
 
 def odometry_edge(tree: TransformTree, base_frame: str, map_frame: str = "") -> tuple[str, str] | None:
     """Return the two frames by which /tf tells odometry: what moves next above the base; None: truth, map, nothing."""
     edge = tree.moving_edge(base_frame)
-    return None if edge is None or edge[0] == map_frame or any(word in edge[0] for word in TRUTH_WORDS) else edge
+    return None if edge is None or edge[0] == map_frame or is_truth(edge[0]) else edge
 
 
 class OdometryInput:

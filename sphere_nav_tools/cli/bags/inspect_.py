@@ -52,9 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
         streams, (first, last) = finder.streams, bag.time_range
         mounting = describe_mountings(finder.frames, streams, arguments.mounting) + finder.frames_told[1]
         offers = [find_offer(job, finder, arguments.rig) for job in ("map", "localize", "mcl")]
-    if arguments.mounting:
-        for offer in offers:
-            offer.command += ["--mounting", arguments.mounting] if offer.command else []
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
     print("\n".join(topic_table(streams)))
     drivers = [f"driver: {driver.title}: --driver {driver.name}" for driver in finder.drivers()]

@@ -48,7 +48,7 @@ def guess_format(folder: Path) -> str:
     return ""
 
 
-UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
+UNITS = {4: 1_000_000, 5: 1_000, 6: 1}  # ns in the unit of a stamp since 1970, by a third of its digits
 
 
 class Folder:
@@ -66,7 +66,7 @@ class Folder:
         is_stamped: bool = False,
     ) -> None:
         """`read`: of a file; `is_stamped`: whether names must be stamps."""
-        self.path, self.hz, self._read = path, float("nan"), read
+        self.path, self.hz, self._read = path, 0.0, read
         listed = listed or [(stamp_of(f.stem), f) for f in sorted(filter(is_image, path.iterdir()), key=order_of)]
         if not listed:
             raise ValueError(f"{path}: expected images or videos, found none")
@@ -97,7 +97,7 @@ class Video:
         self.number = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) if self._capture.isOpened() else 0
         if self.number <= 0:
             raise ValueError(f"{path}: expected a video, found a file that cannot be read as one")
-        self.hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or float("nan")
+        self.hz = float(np.nan_to_num(self._capture.get(cv2.CAP_PROP_FPS), posinf=0.0))
         self._next = 0
 
     def where(self, index: int) -> Path | str:
@@ -142,19 +142,18 @@ def instants_of(
     With `max_gap_ns` each must have one within it, and all have the stamp of the first. Without stamps, images of one
     number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
     """
-    first, period_ns = next(iter(cameras)), 1e9 / DEFAULT_HZ
-    stamped = {name: frames.stamps for name, frames in cameras.items() if frames.stamps is not None}
-    if len(stamped) < len(cameras):
-        number, own_hz = cameras[first].number, cameras[first].hz
+    first, stamped = next(iter(cameras)), {name: frames.stamps or [] for name, frames in cameras.items()}
+    period_ns = 1e9 / (hz or cameras[first].hz or DEFAULT_HZ)
+    if not all(stamped.values()):
+        number = cameras[first].number
         for name, frames in cameras.items():
             if frames.number != number:
                 found = f"found {frames.number} of {name}"
                 raise ValueError(f"{frames.path}: expected {number} images as of {first}, {found}")
-        period_ns = 1e9 / (hz or (own_hz if np.isfinite(own_hz) else DEFAULT_HZ))
         stamps = [FIRST_STAMP_NS + round(index * period_ns) for index in range(number)]
         stamped = dict.fromkeys(cameras, stamps)
     reference = np.array(stamped[first], dtype=np.int64)
-    near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else period_ns
+    near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
     gap_ns = max_gap_ns or math.ceil(near_ns) - 1
     instants: list[dict[str, tuple[int, int]]] = [{} for _ in reference]
     for name, stamps in stamped.items():
@@ -171,11 +170,7 @@ def stamp_of(stem: str) -> int | None:
     if re.fullmatch(r"\d{9,10}\.\d+", stem):
         whole, part = stem.split(".")
         return int(whole) * 1_000_000_000 + int(f"{part:0<9}"[:9]) if float(stem) >= EPOCHS_S else None
-    if stem.isdigit():
-        for digits, unit in UNITS:
-            if len(stem) >= digits and int(stem) > 0:
-                return int(stem) * unit if len(stem) < digits + 3 else None
-    return None
+    return int(stem) * UNITS.get(len(stem) // 3, 0) or None if stem.isdigit() else None
 
 
 def order_of(file: Path) -> tuple[Any, ...]:

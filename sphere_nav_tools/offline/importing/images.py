@@ -60,23 +60,23 @@ def open_images(
     """
     if not folder.is_file():
         require_folder(folder)
-    if is_panorama and not (rig or lens or baseline_m):
-        frames, height, width = _sized(folder)
-        check_panorama(frames.path, width, height)
-        return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
     if rig is not None:
         return _rig_recording(folder, read_rig(rig), hz)
-    if baseline_m is not None and lens is None:
-        return _panoramas(folder, baseline_m, hz)
-    if lens is None:
-        raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
-    if baseline_m is None:
+    if lens is not None and baseline_m is not None:
+        pair = [open_frames(folder, side) for side in SIDES]
+        lenses = [_pinhole(pair[0], lens)] * 2
+        T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
+        return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m), hz)
+    if lens is not None:
         frames = open_frames(folder, "")
         return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)}, hz)
-    pair = [open_frames(folder, side) for side in SIDES]
-    lenses = [_pinhole(pair[0], lens)] * 2
-    T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
-    return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m), hz)
+    if baseline_m is not None:
+        return _panoramas(folder, baseline_m, hz)
+    if not is_panorama:
+        raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
+    frames, height, width = _sized(folder)
+    check_panorama(frames.path, width, height)
+    return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
 
 
 def how_to_import(path: Path) -> list[str]:

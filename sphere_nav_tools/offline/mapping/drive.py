@@ -27,7 +27,7 @@ from sphere_nav_tools.offline.constants import (
 )
 from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-from sphere_nav_tools.offline.pose_bags import first_topic, read_poses, trajectory_of
+from sphere_nav_tools.offline.pose_bags import find_topic, read_poses, trajectory_of
 from sphere_nav_tools.offline.registering import REMEDY
 
 FIRST = slice(1)  # the first sphere alone
@@ -141,7 +141,7 @@ class MappedDrive:
 def truth_of(path: Path) -> Truth | None:
     """Return the true poses of a bag, None where it has none."""
     with BagReader(path) as bag:
-        topic = first_topic(bag, TRUTH_TOPICS)
+        topic = find_topic(bag, TRUTH_TOPICS)
     return Truth(read_poses(path, (topic,)), is_base=topic.endswith("odometry")) if topic else None
 
 

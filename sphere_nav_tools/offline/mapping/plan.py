@@ -22,22 +22,22 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     """Return how a bag is mapped, `rig` being the text of its rig file; BagError where it has nothing to map."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
+    build(SphereMapperParams, values)  # refused before anything is read
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag) as bag:
         finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
-            kind, choice = finder.find_source(has_rig=arguments.rig is not None)
+            kind, choice = finder.find_source(values, has_rig=arguments.rig is not None)
         elif kind != CAMERAS:
             choice = finder.find(TOPICS[kind])
         if kind == CAMERAS:
             stitcher, remap, values = stitcher_values(finder, arguments), imu, values | {"input": "sphere"}
         else:
-            found = finder.require(choice)
+            found = finder.odometry | choice.topics
             values = {"slack_s": finder.slack_s(found[TOPICS[kind][0]])} | values | {"input": kind}
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
-        build(SphereMapperParams, values)  # refused before anything is written
         finder.refuse_unread((*remap, *(stitcher[1] if stitcher is not None else ()), "tf", "tf_static"))
     return Recipe(arguments.bag.resolve(), values, remap, details, kind, stitcher, pair, stereo)
 
@@ -46,10 +46,7 @@ def stitcher_values(finder: TopicFinder, arguments: argparse.Namespace) -> Node:
     """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
     if arguments.rig is None:
         raise BagError(f"{finder.bag.path}: expected --rig with the rig file of its cameras, found none")
-    choice = finder.find_rig(read_rig(arguments.rig).names)
-    if not choice.topics:
-        raise BagError(f"{finder.bag.path}: topics: {choice.reason}")
     values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | arguments.set_stitcher
     is_alone = arguments.jobs == 1 and not arguments.scheduler
     fixed = {"rig": str(arguments.rig.resolve()), "transport": "raw", "jobs": NUM_THREADS if is_alone else 1}
-    return values | fixed, choice.topics
+    return values | fixed, finder.find_rig(read_rig(arguments.rig).names).topics

@@ -43,7 +43,7 @@ def _of_bag(path: Path, number: int, arguments: argparse.Namespace) -> Sphere:
         kind, choice = finder.find_source()
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
-        found = finder.require(choice)
+        found = finder.odometry | choice.topics
         slack_s = finder.slack_s(found[TOPICS[kind][0]])
         node, spheres = collect(bag, {"input": kind, "slack_s": slack_s}, found)
         for count, (sphere, *_) in enumerate(spheres, 1):

@@ -11,6 +11,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
 from sphere_nav_tools.offline.evaluation import evaluate_poses
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -109,8 +110,7 @@ def test_frames_of_their_own_are_found_and_said(files, capsys):
 def line(num_poses=50, hertz=10.0):
     """A drive of 5 m along x at 1 m/s."""
     x = np.arange(num_poses) / hertz
-    matrices = np.stack([SE3.from_planar(value, 0.0, 0.0).matrix for value in x])
-    return Trajectory((1000 * SECOND + np.rint(x * SECOND)).astype(np.int64), SE3(matrices))
+    return trajectory_of(1000 * SECOND + np.rint(x * SECOND), [SE3.from_planar(value, 0.0, 0.0) for value in x])
 
 
 STRAIGHT = line()

@@ -4,8 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import SimParams
@@ -13,7 +11,6 @@ from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.params import build
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, se3_to_odometry, se3_to_transform
 from sphere_nav.ros.maps.reader import open_map
@@ -28,7 +25,6 @@ WAY = 0.3  # m between them
 
 def write_images(bag, images, stamp):
     for name, image in images.items():
-        bag.add_topic(f"cameras/{name}/image_raw", Image, qos.LARGE)
         encoding = "rgb8" if image.ndim == 3 else "mono8"
         bag.write(f"cameras/{name}/image_raw", array_to_image(image, stamp, f"{name}_optical", encoding), stamp)
 
@@ -44,8 +40,6 @@ def drive(tmp_path_factory):
     x, y, _ = simulator.vehicle.state.T_world_base.translation
     yaw = float(simulator.vehicle.state.T_world_base.yaw)
     with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/tf_static", TFMessage, qos.LATCHED)
-        bag.add_topic("ground_truth/odometry", Odometry, qos.STATE)
         mount = se3_to_transform(T_base_rig, START, "base_link", "rig_link")
         bag.write("/tf_static", TFMessage(transforms=[mount]), START)
         for number in range(NUM_INSTANTS):
@@ -88,4 +82,4 @@ def test_a_bag_of_other_cameras_is_one_line(scene, capsys):
     parts = tuple(dataclasses.replace(part, name=f"roof_{part.name}") for part in rig.cameras)
     write_rig(scene / "other.yaml", dataclasses.replace(rig, cameras=parts))
     assert call("map", scene / "bag", "-o", scene / "m", "--rig", scene / "other.yaml") == 2
-    assert "topics: expected images of roof_top_front" in capsys.readouterr().err
+    assert "topics: expected images of camera roof_top_front (--camera roof_top_front=TOPIC)" in capsys.readouterr().err

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
+from sphere_nav.geometry.trajectory import read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav_tools.offline import plot_figure
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 from worlds.commands import call
 from worlds.recordings import write_bag
 
@@ -34,7 +35,7 @@ def drive(tmp_path):
 
     write_bag(tmp_path / "drive", told, numbers=range(len(STATES)), with_mount=False)
     stamps = np.arange(1, 7) * SECOND
-    truth = Trajectory(stamps, SE3(np.stack([place(number).matrix for number in range(6)])))
+    truth = trajectory_of(stamps, [place(number) for number in range(6)])
     write_tum(tmp_path / "truth.tum", truth)
     return tmp_path
 

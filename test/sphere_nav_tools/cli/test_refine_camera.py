@@ -6,14 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
 
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
@@ -21,6 +18,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import refine_camera
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 from sphere_nav_tools.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
 from worlds.localizer import STEP_NS, at, make_map
 from worlds.room import wide_room
@@ -45,8 +43,6 @@ def recorded(tmp_path_factory):
     places = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.8, -1.0)]
     save_map(folder / "map", make_map(room, places, Spherical(1024, 512)).graph)
     with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
-        bag.add_topic("/image_raw", Image, qos.STATE)
         rng = np.random.default_rng(3)
         for k in range(NUM_IMAGES):
             stamp, t = START_NS + k * STEP_NS, k * STEP_NS * 1e-9
@@ -101,7 +97,6 @@ def drive(folder, count):
     """A bag with the odometry of a vehicle that weaves, and its camera's poses between those messages."""
     T_odom_base, poses = SE3.identity(), []
     with BagWriter(folder) as bag:
-        bag.add_topic("/wheels", Odometry, qos.SENSOR)
         for k in range(count):
             step = SE3.exp([0.04, 0.0, 0.0, 0.0, 0.0, 0.02 * np.sin(0.05 * k)])
             stamp = 1_000_000_000 + k * PERIOD_NS
@@ -111,7 +106,7 @@ def drive(folder, count):
             poses.append(SE3.from_planar(5.0, 1.0, 0.7) @ between @ T_BASE_CAMERA @ T_BODY_OPTICAL)
             T_odom_base = T_odom_base @ step
     stamps = 1_000_000_000 + PERIOD_NS // 2 + PERIOD_NS * np.arange(count)
-    return Trajectory(stamps, SE3(np.stack([pose.matrix for pose in poses])))
+    return trajectory_of(stamps, poses)
 
 
 def mounting_of(folder, mounting, camera):

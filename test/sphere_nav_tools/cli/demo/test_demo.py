@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
 
 from cycab_sim.params import SimParams, in_condition
 from sphere_nav.geometry import SE3
@@ -117,9 +115,6 @@ def test_a_path_that_crosses_itself_is_followed_in_order():
 def write_drive(path, offset, with_poses):
     """Drive 5 m straight at 1 m/s, `offset` m to the left."""
     with BagWriter(path) as bag:
-        bag.add_topic("/ground_truth/odometry", Odometry)
-        if with_poses:
-            bag.add_topic("/pose", PoseWithCovarianceStamped)
         for i in range(101):
             stamp = SECOND + i * SECOND // 20
             T_world_base = SE3.from_planar(i / 20, offset, 0.0)

@@ -20,9 +20,9 @@ LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
 SECOND = 10**9
 
 
-def write(path, level=50, shape=(12, 16), kind=np.uint8):
+def write(path, level=50):
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.full(shape, level, kind))
+    assert cv2.imwrite(str(path), np.full((12, 16), level, np.uint8))
 
 
 def test_a_stamp_is_told_by_its_digits():
@@ -80,12 +80,12 @@ def test_a_folder_of_that_name_is_found(tmp_path):
         open_frames(tmp_path, "rear")
 
 
-def frames(number=3, stamps=None, hz=float("nan")):
+def frames(number=3, stamps=None, hz=0.0):
     return SimpleNamespace(number=number, stamps=stamps, hz=hz, path="p", read=lambda index: None)
 
 
 def test_without_stamps_a_rate_counts():
-    for hz, own, step_ns in [(None, float("nan"), 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]:
+    for hz, own, step_ns in [(None, 0.0, 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]:
         found = instants_of({"a": frames(hz=own), "b": frames()}, hz)
         assert [part["a"] for part in found] == [(k, FIRST_STAMP_NS + k * step_ns) for k in range(3)]
         assert all(part["a"] == part["b"] for part in found)

@@ -25,6 +25,7 @@ from sphere_nav_tools.offline.mapping.extension import place_start
 from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
 from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
 
@@ -34,8 +35,7 @@ T_TRUTH_MAP = SE3.exp([3.0, -2.0, 0.5, 0.0, 0.0, 1.0])
 
 
 def laid_out(poses):
-    matrices = np.stack([(T_TRUTH_MAP @ pose).matrix for pose in poses])
-    return Truth(Trajectory(np.array(STAMPS), SE3(matrices)), is_base=False)
+    return Truth(trajectory_of(STAMPS, [T_TRUTH_MAP @ pose for pose in poses]), is_base=False)
 
 
 @pytest.fixture
@@ -112,7 +112,7 @@ def test_a_true_pose_of_the_base_is_not_taken_for_one_of_the_camera(tmp_path):
 
 def test_key_spheres_move_to_their_true_poses_where_these_are_known():
     stamps = np.array([0, 1, 2, 4]) * 10**9
-    truth = Trajectory(stamps, SE3(np.stack([SE3.from_planar(float(x), 1.0, 0.5).matrix for x in (0, 1, 2, 4)])))
+    truth = trajectory_of(stamps, [SE3.from_planar(float(x), 1.0, 0.5) for x in (0, 1, 2, 4)])
     nodes = [KeySphere(k, int(s * 1e9), SE3.from_planar(9.0, 9.0, 0.0)) for k, s in enumerate((0.5, 2.0, 3.0, 7.0))]
     T_base_sphere = SE3.exp([0.2, 0.0, 1.0, 0.0, 0.0, 0.1])
     for is_base in (False, True):

@@ -4,7 +4,6 @@ import os
 import sys
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -53,11 +52,11 @@ def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
         Workers(scheduler="tcp://nowhere:1")
 
 
-def make(stitch, *, is_settled=False):
+def make(stitch):
     """Return a stitcher without a rig, and the list of what it publishes."""
     node, published = StitcherAhead.__new__(StitcherAhead), []
     node.pool, node.coming, node._known = ThreadPoolExecutor(1), deque(), b""
-    node.stitcher = SimpleNamespace(stitch=stitch, is_settled=is_settled)
+    node.stitcher = SimpleNamespace(stitch=stitch, is_settled=False)
     node.publish = published.append
     return node, published
 
@@ -87,16 +86,11 @@ def test_an_instant_that_cannot_be_stitched_is_told_where_its_sphere_is_due():
     assert published == []
 
 
-def arguments(**values):
-    return SimpleNamespace(
-        **({"anchor": "truth", "bag": Path("here/drive"), "rig": None, "jobs": 1, "scheduler": ""} | values)
-    )
-
-
 def test_a_replayed_stitcher_waits_for_late_images_and_shares_its_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
     finder = finder_of([image(f"/{name}/image_raw", frame=name) for name in ("a", "b")])
-    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
+    rig, told = tmp_path / "rig.yaml", {"stitch.width": 256, "jobs": 9}
+    given = SimpleNamespace(rig=rig, jobs=1, scheduler="", set_stitcher=told)
     values, remap = stitcher_values(finder, given)
     assert remap == {"cameras/a/image_raw": "/a/image_raw", "cameras/b/image_raw": "/b/image_raw"}
     assert values == {
