@@ -225,10 +225,10 @@ class RouteNavigator(ManagedNode):
             self.mission.answer(request, refusal, 0 if failure else response.permission, self.now())
 
         path = ""
-        if request.course is not None:
+        if request.points is not None:
             file = self.folder / "course.csv"
             try:
-                write_course(file, request.course, self.network.map_id)
+                write_course(file, request.points, self.network.map_id)
             except OSError as error:
                 answer(None, one_line(error))
                 return

@@ -161,8 +161,9 @@ def export(arguments: argparse.Namespace) -> None:
         raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
     from sphere_nav_tools.offline import routes
 
-    course = routes.write_way(output, network, _way(network, arguments))
-    print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
+    route = _way(network, arguments)
+    points = routes.write_way(output, network, route)
+    print(f"{output}: {len(points)} points, {route.length:.1f} m")
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:

@@ -10,12 +10,13 @@ import numpy as np
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.course import Course, make_course
+from path_follower.routes.course import make_course
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.plot_figure import drawn, in_meters
@@ -62,12 +63,12 @@ def name_place(file: Path, network: Network, name: str, x: float, y: float, yaw:
     return named
 
 
-def write_way(file: Path, network: Network, route: Route) -> Course:
-    """Write a way on a network as a path, and return it."""
+def write_way(file: Path, network: Network, route: Route) -> Array:
+    """Write a way on a network as a path, and return its points (N, 4)."""
     vehicle = VehicleParams()
-    course = make_course(network, route.legs, None, vehicle)
-    write_course(file, course, network.map_id, vehicle.max_speed)
-    return course
+    _, points = make_course(network, route, None, vehicle)
+    write_course(file, points, network.map_id, vehicle.max_speed)
+    return points
 
 
 def describe(network: Network) -> list[str]:

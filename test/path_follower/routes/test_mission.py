@@ -8,7 +8,7 @@ from path_follower.params import VehicleParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 from path_follower.routes.constants import MAX_SILENCE
-from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
+from path_follower.routes.mission import TABLE, FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
 from sphere_nav.localization.status import Verdict
@@ -67,8 +67,8 @@ class Trip:
             return self.refusal or self.mode.take(EVENTS[request.name], OPERATOR)
 
         refusal = Arming.under(self, request.permission, do, is_stop=request.name in ("pause", "stop"))
-        if request.course is not None and not refusal:
-            self.length, self.progress, self.lead = request.course.length, 0.0, request.course.lead
+        if request.name == "load" and not refusal:
+            self.length, self.progress, self.lead = request.route.length, 0.0, request.route.lead
         if request.name == "clear" and not refusal:
             self.length = self.progress = self.lead = 0.0
         self.mission.answer(request, refusal, self.mode.permission, self.now)
@@ -94,6 +94,17 @@ class Trip:
 @pytest.fixture
 def trip(fork):
     return Trip(fork.with_place("end", Spot(max(fork.edges), 40.0)))
+
+
+def test_only_what_somebody_asks_for_leads_out_of_a_hold_and_nothing_but_a_goal_out_of_idle():
+    asked = {"begin", "cancel", "resume", "resume of a pause", "follower started"}
+    for event, following in TABLE.items():
+        assert event == "begin" or MissionState.IDLE not in following
+        for held in (MissionState.PAUSED, MissionState.HELD):
+            assert event in asked or following.get(held, held) in (MissionState.PAUSED, MissionState.HELD)
+    ended = TABLE["permission ended"]
+    assert set(ended.values()) == {MissionState.HELD}
+    assert ended.keys() == set(MissionState) - {"IDLE", "PAUSED", "HELD", "STAYING"}  # all that ask for motion
 
 
 def test_a_mission_loads_starts_and_arrives(trip):
@@ -168,7 +179,7 @@ def test_a_mission_stopped_by_a_fault_waits_for_resume(trip, reason):
 def test_an_obstacle_closes_the_edge_on_which_it_stands(trip, beyond, leg):
     """0.7 m before the front of a body that ends 1.55 m before the axle whose progress counts."""
     trip.drive_off()
-    usual, end = [part.edge for part in trip.mission.course.legs], trip.mission.course.ends[0]
+    usual, end = [part.edge for part in trip.mission.route.legs], trip.mission.route.ends[0]
     trip.progress = end - 1.55 - 0.7 + beyond
     for _ in range(6):
         trip.stop("OBSTACLE")
@@ -220,14 +231,14 @@ def test_a_vehicle_that_is_there_need_not_drive(trip):
 def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
     trip.drive_off()
     trip.progress = 13.0  # of 13.9 m to the branch: it stands on the edge behind it
-    usual = [leg.edge for leg in trip.mission.course.legs]
+    usual = [leg.edge for leg in trip.mission.route.legs]
     for _ in range(6):
         trip.stop("OBSTACLE")
         trip.live(1.0)
     trip.pose = Pose2(14.0, 0.0, 0.0)
     trip.live(3.0)
     assert set(trip.mission.blocked) == {usual[1]}
-    other = [leg.edge for leg in trip.mission.course.legs]
+    other = [leg.edge for leg in trip.mission.route.legs]
     assert other[0] == usual[0]
     assert other[1] not in usual
     assert trip.mission.driven == pytest.approx(13.0)
@@ -237,10 +248,10 @@ def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
 
 def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip):
     trip.drive_off()
-    usual = [leg.edge for leg in trip.mission.course.legs]
+    usual = [leg.edge for leg in trip.mission.route.legs]
     trip.mission.close(str(usual[1]), True, trip.now)
     assert trip.live(2 * STEADY) == ["stop", "load", "start"]
-    assert usual[1] not in [leg.edge for leg in trip.mission.course.legs]
+    assert usual[1] not in [leg.edge for leg in trip.mission.route.legs]
     trip.progress = trip.length - 5.0
     trip.live()
     trip.mission.close(str(usual[0]), True, trip.now)
@@ -251,7 +262,7 @@ def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip)
 
 def test_where_no_way_is_left_the_mission_ends_with_a_name(trip):
     trip.drive_off()
-    for edge in set(trip.mission.network.edges) - {trip.mission.course.legs[0].edge}:
+    for edge in set(trip.mission.network.edges) - {trip.mission.route.legs[0].edge}:
         trip.mission.close(str(edge), True, trip.now)
     assert trip.live(2 * STEADY)[0] == "stop"
     assert trip.mission.outcome.reason.startswith("no way: no edges lead there from here while")

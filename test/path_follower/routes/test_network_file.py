@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from path_follower.routes.mission_file import read_mission, write_course, write_
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, plan
+from path_follower.routes.planning import Leg, Route, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
@@ -110,9 +109,7 @@ def file(fork, tmp_path):
     mission = mission_of(fork)
     mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0), 0.0)
     mission.close(str(max(fork.edges)), True, 0.0)
-    mission.course = make_course(
-        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
-    )
+    mission.route = plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0)
     mission.driven = 12.5
     write_mission(tmp_path / "mission.json", mission)
     return tmp_path / "mission.json"
@@ -123,29 +120,28 @@ def test_a_mission_comes_back_as_it_was(file, fork):
     read_mission(file, mission, 5.0)
     assert mission.goal == Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0)
     assert (mission.closed, mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
-    assert mission.course.legs[0].edge == min(fork.edges)
-    assert mission.course.length == pytest.approx(mission.course.ends[-1])
+    assert mission.route.legs[0].edge == min(fork.edges)
     assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
 
 
 def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission = mission_of(fork)
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
-    (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
-    mission.course = replace(make_course(fork, legs, None, VehicleParams()), seconds=24.0, round_legs=2)
+    (first, *_), edge = fork.edges.values(), min(fork.edges)
+    route = Route((Leg(edge, -1, 7.0, 2.0), Leg(edge, 1, 2.0, 9.0)), 24.0, round_legs=2, change=0.25, lead=1.0)
+    mission.route = route
     mission.laps_left = 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
-    assert (found.goal, found.laps_left, found.course.round_legs) == (mission.goal, 2, 2)
-    assert list(found.course.legs) == legs
-    assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
+    assert (found.goal, found.laps_left, found.route) == (mission.goal, 2, route)
+    assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.25), pytest.approx(24.0))
     assert first.length > 9.0
 
 
 BROKEN_MISSIONS = {
     "map_id: expected that of the network": {"map_id": "hall"},
-    "expected format 'sphere_nav mission' version 3": {"version": 7},
+    "expected format 'sphere_nav mission' version 4": {"version": 7},
     "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
 }
 
@@ -161,14 +157,13 @@ def test_a_file_that_is_no_mission_is_refused(file, fork):
 
 
 def test_a_course_is_what_the_follower_reads(fork, tmp_path):
-    course = make_course(
-        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
-    )
-    course.speed[:50] = np.nan
-    write_course(tmp_path / "course.csv", course, "campus")
+    route = plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0)
+    _, points = make_course(fork, route, None, VehicleParams())
+    points[:50, 3] = np.nan
+    write_course(tmp_path / "course.csv", points, "campus")
     path = read_path(tmp_path / "course.csv", FollowerParams())
     assert read_map_id(tmp_path / "course.csv") == "campus"
-    assert path.length == pytest.approx(course.length, abs=0.05)
+    assert path.length == pytest.approx(route.length, abs=0.05)
     assert path.possible[10] == pytest.approx(FollowerParams().vehicle.max_speed, abs=0.1)
 
 
