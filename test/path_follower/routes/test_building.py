@@ -130,6 +130,13 @@ def test_an_edge_that_was_driven_backwards_is_reversible(drive):
     assert all(edge.is_forward for edge in network.edges.values())
 
 
+def test_a_bend_that_is_driven_back_beside_its_middle_is_one_edge_still(drive):
+    """Its points do not meet those of the first drive one by one."""
+    bend = ((20, 0), TURN, (20, 0))
+    (edge,) = build_network([drive(*bend), drive(*bend, left=-0.3, direction=-1)]).edges.values()
+    assert (edge.is_forward, edge.is_reverse) == (True, True)
+
+
 def test_an_edge_counts_by_its_fastest_drive(drive):
     (edge,) = build_network([drive((60, 0), speed=0.5), drive((60, 0), speed=1.5)]).edges.values()
     assert edge.curve.speed.max() == 1.5
