@@ -14,12 +14,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
-from path_follower.routes.constants import MAX_TURN, TICK
+from path_follower.routes.constants import TICK
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Request
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
-from path_follower.routes.planning import plan
 from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
@@ -133,15 +132,9 @@ class RouteNavigator(ManagedNode):
 
     def on_plan(self, request: PlanRoute.Request, response: PlanRoute.Response) -> PlanRoute.Response:
         """Tell the way to a place."""
-        mission, p = self.mission, self.params.mission
-        if request.start:
-            starts = self.network.spots_of(self.network.node_of(request.start))
-        elif mission.pose is None:
-            raise ValueError("start: expected a place, or a pose of the vehicle, found neither")
-        else:
-            starts = self.network.locate(mission.pose[0], p.reach, MAX_TURN)
-        goals = mission.spots_of(Goal(request.place))
-        route = plan(self.network, starts, goals, cruise=p.cruise, closed=mission.closed_now(self.now()))
+        mission = self.mission
+        starts = mission.spots_of(Goal(request.start)) if request.start else mission.here()
+        route = mission.way(starts, Goal(request.place), 0, self.now())
         response.success, response.edges = True, [leg.name for leg in route.legs]
         response.length, response.duration = route.length, route.seconds
         return response
@@ -208,7 +201,7 @@ class RouteNavigator(ManagedNode):
             self.finish_goals(outcome.success, outcome.reason, outcome.distance)
         for goal, result in self.goals:
             if result == self._result:
-                goal.publish(self.feedback())
+                goal.publish(told(Navigate.Feedback(), mission))
         self.tell()
 
     def go_on(self) -> None:
@@ -235,37 +228,19 @@ class RouteNavigator(ManagedNode):
             path = str(file)
         self.follower(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
 
-    def feedback(self) -> Navigate.Feedback:
-        """Return how the mission goes."""
-        mission = self.mission
-        return Navigate.Feedback(
-            edge=next((str(leg.edge) for leg in mission.legs_ahead), ""),
-            next_place=mission.next_place,
-            distance_remaining=mission.distance_remaining,
-            time_remaining=mission.time_remaining,
-            state=str(mission.state),
-        )
-
     def tell(self) -> None:
         """Publish the status, on every change and once a second; keep on disk what survives."""
-        mission, now, how = self.mission, self.now(), self.feedback()
+        mission, now = self.mission, self.now()
         closed = [str(edge) for edge in sorted(mission.closed_now(now))]
-        news = (mission.state, mission.reason, mission.goal, how.edge, how.next_place, *closed)
+        news = mission.state, mission.reason, mission.goal, mission.edge, mission.next_place, closed
         if news == self.said and now - self.said_at < STATUS_PERIOD:
             return
         text, is_standing = f"{mission.state} {mission.reason}", mission.state in STANDING
         self.endpoints.tell("mission", WARN if is_standing and mission.reason else OK, text.strip(), text)
         self.said, self.said_at = news, now
-        status = NavigatorStatus(
-            header=header(self.now_ns(), self.params.map_frame),
-            reason=mission.reason,
-            place="" if mission.goal is None else mission.goal.place,
-            laps_remaining=min(mission.laps_left, 65535),
-            closed_edges=closed,
-            last_result=self.result,
-            map_id=self.network.map_id,
-        )
-        self.status.publish(told(status, how))
+        status = NavigatorStatus(header=header(self.now_ns(), self.params.map_frame), map_id=self.network.map_id)
+        status.closed_edges, status.last_result = closed, self.result
+        self.status.publish(told(status, mission))
         self.keep()
 
     # --- over a restart

@@ -129,7 +129,7 @@ class MissionRecord:
     closed: tuple[int, ...]
     permission: int
     goal: Goal | None
-    laps_left: int
+    laps_remaining: int
     driven: float
     route: Route
 
@@ -155,7 +155,7 @@ class Mission:
 
     def _set_out(self, goal: Goal | None) -> None:
         """Have nothing driven of the way to a goal, or of none."""
-        self.goal, self.laps_left = goal, 0 if goal is None else goal.laps
+        self.goal, self.laps_remaining = goal, 0 if goal is None else goal.laps
         self.route, self.driven, self.progress = NO_ROUTE, 0.0, 0.0
         self._ending: str | None = None  # why the mission ends once the vehicle stands
         self._obstacle: tuple[float, float] | None = None  # since when, at which progress
@@ -341,7 +341,7 @@ class Mission:
         """Give the follower the way from here."""
         self._leave_route()
         try:
-            self.route, points = self._plan(now)
+            self.route, points = self._course(now)
         except ValueError as error:
             self._conclude(False, str(error), now)
             return
@@ -432,7 +432,7 @@ class Mission:
     def _leave_route(self) -> None:
         """Add what is driven of a route that is given up, way and laps; without one there is nothing to add."""
         if self.route.round_legs:
-            self.laps_left = min((len(self.legs_ahead) - 1) // self.route.round_legs, self.laps_left)
+            self.laps_remaining = min((len(self.legs_ahead) - 1) // self.route.round_legs, self.laps_remaining)
         self.driven, self.route, self.progress = self.driven + self.progress, NO_ROUTE, 0.0
 
     def _stand(self, now: float) -> None:
@@ -492,17 +492,28 @@ class Mission:
         """Return the edges that are closed, by a call or by an obstacle."""
         return self.closed | {edge for edge, until in self.blocked.items() if until > now}
 
-    def _plan(self, now: float) -> tuple[Route, Array]:
+    def here(self) -> list[Spot]:
+        """Return where on the network the vehicle is; ValueError where no pose has come."""
+        if self.pose is None:
+            raise ValueError("start: expected a place, or a pose of the vehicle, found neither")
+        return self.network.locate(self.pose[0], self.params.reach, MAX_TURN)
+
+    def way(self, starts: list[Spot], goal: Goal, laps: int, now: float) -> Route:
+        """Return the way to a goal and rounds from there, as edges are open now; ValueError for no way."""
+        closed, cruise = self.closed_now(now), self.params.cruise
+        route = plan(self.network, starts, self.spots_of(goal), cruise=cruise, closed=closed)
+        return with_laps(self.network, route, laps, cruise=cruise, closed=closed)
+
+    def _course(self, now: float) -> tuple[Route, Array]:
         """Return the way from where the vehicle is, and its path; ValueError with a name for what there is not."""
         assert self.goal is not None
         assert self.pose is not None
-        closed, cruise, reach = self.closed_now(now), self.params.cruise, self.params.reach
-        starts = self.network.locate(self.pose[0], reach, MAX_TURN)
+        starts = self.here()
         if not starts:
-            raise ValueError(f"no way: expected a vehicle within {reach:g} m of the network, heading along it")
+            expected = f"a vehicle within {self.params.reach:g} m of the network, heading along it"
+            raise ValueError(f"no way: expected {expected}")
         while True:
-            route = plan(self.network, starts, self.spots_of(self.goal), cruise=cruise, closed=closed)
-            route = with_laps(self.network, route, self.laps_left, cruise=cruise, closed=closed)
+            route = self.way(starts, self.goal, self.laps_remaining, now)
             try:
                 return make_course(self.network, route, self.pose[0], self.vehicle)
             except ValueError:
@@ -510,11 +521,21 @@ class Mission:
                 if not starts:
                     raise
 
-    # --- what is said
+    # --- what is said, by the names of NavigatorStatus
+    @property
+    def place(self) -> str:
+        """Where to."""
+        return "" if self.goal is None else self.goal.place
+
     @property
     def legs_ahead(self) -> tuple[Leg, ...]:
         """What is left of the way, from the leg on which the vehicle is."""
         return self.route.legs[self.route.leg_at(self.progress) :]
+
+    @property
+    def edge(self) -> str:
+        """The edge under way."""
+        return str(self.legs_ahead[0].edge) if self.route.legs else ""
 
     @property
     def distance_remaining(self) -> float:
@@ -530,12 +551,12 @@ class Mission:
     def next_place(self) -> str:
         """The next named place on the way."""
         names = (self.network.name_of(self.network.node_at(leg.edge, leg.last)) for leg in self.legs_ahead)
-        return next(filter(None, names), self.goal.place if self.goal is not None else "")
+        return next(filter(None, names), self.place)
 
     # --- over a restart
     def snapshot(self) -> MissionRecord:
         """Return what a mission needs to survive."""
-        left = self.permission, self.goal, self.laps_left, self.driven, self.route
+        left = self.permission, self.goal, self.laps_remaining, self.driven, self.route
         return MissionRecord(self.network.map_id, tuple(sorted(self.closed)), *left)
 
     def restore(self, record: MissionRecord, now: float) -> None:
@@ -545,7 +566,7 @@ class Mission:
             return
         self.spots_of(record.goal)
         self._set_out(record.goal)
-        self.laps_left, self.driven, self.permission = record.laps_left, record.driven, record.permission
+        self.laps_remaining, self.driven, self.permission = record.laps_remaining, record.driven, record.permission
         if all(leg.edge in self.network.edges for leg in record.route.legs):
             self.route = self._loaded = record.route
         self._go(HELD, now, "the navigator began anew: call resume where the vehicle stands")

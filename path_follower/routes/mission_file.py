@@ -43,7 +43,7 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
     record: MissionRecord = read_as(MissionRecord, found, str(path))
     if record.map_id != mission.network.map_id:
         raise ValueError(f"{path}: map_id: expected that of the network, found {short(record.map_id)}")
-    for laps in (record.laps_left, record.goal.laps if record.goal else 0):
+    for laps in (record.laps_remaining, record.goal.laps if record.goal else 0):
         if not 0 <= laps <= MAX_LAPS:
             raise ValueError(f"{path}: laps: expected 0 to {MAX_LAPS}, found {laps}")
     mission.restore(record, now)

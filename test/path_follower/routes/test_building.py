@@ -133,7 +133,7 @@ def test_an_edge_that_was_driven_backwards_is_reversible(drive):
 def test_a_bend_that_is_driven_back_beside_its_middle_is_one_edge_still(drive):
     """Its points do not meet those of the first drive one by one."""
     bend = ((20, 0), TURN, (20, 0))
-    (edge,) = build_network([drive(*bend), drive(*bend, left=-0.3, direction=-1)]).edges.values()
+    (edge,) = build_network([drive(*bend), drive(*bend, left=0.5, direction=-1)]).edges.values()
     assert (edge.is_forward, edge.is_reverse) == (True, True)
 
 

@@ -428,7 +428,7 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.do("stop")
     trip.mission.resume(trip.now)
     trip.live(3 * STEADY)
-    assert trip.mission.laps_left == 1
+    assert trip.mission.laps_remaining == 1
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
 
 

@@ -130,11 +130,11 @@ def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     (first, *_), edge = fork.edges.values(), min(fork.edges)
     route = Route((Leg(edge, -1, 7.0, 2.0), Leg(edge, 1, 2.0, 9.0)), 24.0, round_legs=2, change=0.25, lead=1.0)
     mission.route = route
-    mission.laps_left = 2
+    mission.laps_remaining = 2
     write_mission(tmp_path / "mission.json", mission)
     found = mission_of(fork)
     read_mission(tmp_path / "mission.json", found, 5.0)
-    assert (found.goal, found.laps_left, found.route) == (mission.goal, 2, route)
+    assert (found.goal, found.laps_remaining, found.route) == (mission.goal, 2, route)
     assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.25), pytest.approx(24.0))
     assert first.length > 9.0
 
