@@ -118,8 +118,8 @@ def test_a_spot_is_the_closest_that_heads_as_asked_for():
     across = EdgeCurve(np.full(101, 4.0), x, np.full(101, math.pi / 2), np.ones(101))
     edges = {i: RouteEdge(i, 1, 2, curve) for i, curve in ((5, straight(10.0)), (6, straight(10.0, 1.0)), (7, across))}
     network = Network({1: Pose2(0, 0, 0), 2: Pose2(10, 0, 0)}, edges)
-    assert [find_spot(network, 2.0, y, None).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]
-    assert find_spot(network, 3.8, 0.4, None).edge == 7
+    assert [find_spot(network, 2.0, y).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]
+    assert find_spot(network, 3.8, 0.4).edge == 7
     assert find_spot(network, 3.8, 0.4, 0.1).edge == 5
     for y in (-2.1, 3.1):
         with pytest.raises(ValueError, match="expected a position within 2 m of the network, found 2, "):
