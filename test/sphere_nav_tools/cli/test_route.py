@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.pyplot import imread
 
 from path_follower.path import Pose2
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge
@@ -37,6 +38,7 @@ def test_a_dry_run_tells_of_the_network_and_writes_only_its_picture(drives, caps
     assert "4 nodes, 3 edges" in said.out
     assert "net.geojson: not written (--dry-run)" in said.out
     assert sorted(path.name for path in drives.iterdir()) == ["a.csv", "b.csv", "net.png"]
+    assert imread("net.png").std() > 0.05
 
 
 def test_places_that_are_named_are_ends_of_ways(drives, capsys):
