@@ -48,8 +48,8 @@ class Route:
     `lead` m behind the vehicle.
     """
 
-    legs: tuple[Leg, ...] = ()
-    seconds: float = 0.0
+    legs: tuple[Leg, ...]
+    seconds: float
     round_legs: int = 0
     change: float = 0.0
     lead: float = 0.0

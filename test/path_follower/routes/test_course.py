@@ -14,6 +14,7 @@ from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.planning import Leg, Route, plan
+from path_follower.taught import Given
 from path_follower.taught import make_path as path_of
 
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
@@ -47,7 +48,7 @@ def test_a_joint_bends_no_more_than_what_was_driven(drive):
     goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].y > 5)
     route = plan(network, [Spot(next(iter(network.edges)), 1.0)], network.spots_of(goal), cruise=1.4)
     _, (x, y, yaw, speed) = course_of(network, route)
-    path = path_of(np.stack([x, y], axis=-1), yaw, speed, PARAMS)
+    path = path_of(Given(np.stack([x, y], axis=-1), yaw, speed), PARAMS)
     joint = np.abs(path.arc_length - route.ends[0]) < 3.0
     assert np.abs(np.diff(path.curvature[joint])).max() < 0.05
     assert path.max_curvature < 0.2
@@ -91,7 +92,7 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
     (edge,) = network.edges.values()
     first, last = (5.0, 25.0)[::direction]
     pose = beside(edge.curve, first, 0.5, direction * 0.25)
-    route, columns = course_of(network, Route((Leg(edge.id, direction, first, last),)), pose)
+    route, columns = course_of(network, Route((Leg(edge.id, direction, first, last),), 0.0), pose)
     count = round(LEAD / STEP)
     assert route.lead == pytest.approx(LEAD)
     points = columns[:3].T
@@ -124,7 +125,7 @@ def test_a_car_drives_onto_the_path(drive, kit):
         pose = beside(edge.curve, s, left, turned)
         route = plan(network, network.locate(pose, 1.05, 0.4), [Spot(edge.id, s + 14.0)], cruise=1.4)
         _, (x, y, yaw, speed) = course_of(network, route, pose)
-        follower = Follower(PARAMS, path_of(np.stack([x, y], axis=-1), yaw, speed, PARAMS))
+        follower = Follower(PARAMS, path_of(Given(np.stack([x, y], axis=-1), yaw, speed), PARAMS))
         driven = kit.run(follower, pose, kit.World(position_noise=0.01, yaw_noise=0.002, period=0.1), seconds=40.0)
         assert driven.final.state is FollowerState.FINISHED, driven.final.verdict
         kit.assert_within_limits(driven, PARAMS)
@@ -145,7 +146,7 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
     if direction < 0:
         legs = (Leg(1, -1, 15.0, 0.0), Leg(0, -1, 20.0, 5.0))
     start = 5.0 if direction > 0 else 35.0
-    route, (x, y, yaw, speed) = course_of(network, Route(legs), Pose2(start, 0.6, 0.1))
+    route, (x, y, yaw, speed) = course_of(network, Route(legs, 0.0), Pose2(start, 0.6, 0.1))
     own = slice(round(route.lead / STEP), None)  # behind the lead, whose speed is that of the vehicle's place
     np.testing.assert_allclose(speed[own], 0.5 + 0.02 * x[own], atol=0.005)
     assert (speed[: own.start] == speed[own.start]).all()
@@ -156,7 +157,7 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
     assert way[-1] == pytest.approx(route.length, abs=1e-3)  # chords of the lead's circle
     assert np.interp(route.ends[0], way, x[own]) == pytest.approx(20.0, abs=1e-3)
     turning = [legs[0], replace(legs[0], direction=-direction, first=legs[0].last, last=legs[0].first)]
-    short = Route((replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]))
+    short = Route((replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]), 0.0)
     with pytest.raises(ValueError, match=r"beside it after 1\.2 m"):  # it has to be on the path before it turns back
         make_course(network, short, Pose2(start, 0.6, 0.1), VEHICLE)
 
@@ -165,8 +166,8 @@ def test_a_path_that_cannot_be_joined_or_is_too_long_is_refused(drive):
     network = build_network([drive((60, 0))])
     (edge,) = network.edges.values()
     with pytest.raises(ValueError, match=r"expected a vehicle that can drive onto the path, found 0\.\d+ m"):
-        make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),)), beside(edge.curve, 5.0, 1.0, 0.0), VEHICLE)
-    on, _ = make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),)), edge.curve.pose(5.0), VEHICLE)
+        make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),), 0.0), beside(edge.curve, 5.0, 1.0, 0.0), VEHICLE)
+    on, _ = make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),), 0.0), edge.curve.pose(5.0), VEHICLE)
     assert on.length == pytest.approx(1.0)
     with pytest.raises(ValueError, match=r"expected at most 1000000 points, found 10\d+: fewer laps"):
-        make_course(network, Route(1700 * (Leg(edge.id, 1, 0.0, 60.0),)), None, VEHICLE)
+        make_course(network, Route(1700 * (Leg(edge.id, 1, 0.0, 60.0),), 0.0), None, VEHICLE)
