@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
 from path_follower.routes.constants import TICK
-from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Request
+from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Outcome, Request
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
@@ -146,7 +146,8 @@ class RouteNavigator(ManagedNode):
 
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
-        self.finish_goals(False, "replaced by a new goal", self.mission.driven + self.mission.progress)
+        driven = self.mission.driven + self.mission.progress
+        self.finish_goals(Outcome(False, "replaced by a new goal", driven))
         self.mission.begin(read(goal.request), self.now())
         self.goals.append((goal, result))
         self.tell()
@@ -169,25 +170,23 @@ class RouteNavigator(ManagedNode):
         driving.check_frames(message, self.params.map_frame)
         return Pose2.of(conversions.pose_to_se3(message.pose))
 
-    def _result(self, success: bool, reason: str, distance: float) -> Navigate.Result:
-        return Navigate.Result(success=success, reason=reason, distance=distance)
+    def _result(self, outcome: Outcome) -> Navigate.Result:
+        return told(Navigate.Result(), outcome)
 
     def _nav2_goal(self, request: Any) -> Goal:
         return Goal("", self._pose(request.pose))
 
-    def _nav2_result(self, success: bool, reason: str, distance: float) -> Any:
-        result = NavigateToPose.Result()
-        if hasattr(result, "error_code"):
-            result.error_code = 0 if success else NAV2_FAILED
+    def _nav2_result(self, outcome: Outcome) -> Any:
+        result = NavigateToPose.Result(error_code=0 if outcome.success else NAV2_FAILED)
         if hasattr(result, "error_msg"):  # since Kilted
-            result.error_msg = reason
+            result.error_msg = outcome.reason
         return result
 
-    def finish_goals(self, success: bool, reason: str, distance: float) -> None:
-        """End the goals of the mission, which has driven this far in m."""
+    def finish_goals(self, outcome: Outcome) -> None:
+        """End the goals of the mission."""
         while self.goals:
             goal, result = self.goals.pop()
-            goal.finish(result(success, reason, distance), success=success)
+            goal.finish(result(outcome), success=outcome.success)
 
     # --- what goes out
     def on_tick(self) -> None:
@@ -198,7 +197,7 @@ class RouteNavigator(ManagedNode):
         if outcome is not None:
             self.result = outcome.reason
             (self.log.info if outcome.success else self.log.warning)(f"mission: {outcome.reason or 'arrived'}")
-            self.finish_goals(outcome.success, outcome.reason, outcome.distance)
+            self.finish_goals(outcome)
         for goal, result in self.goals:
             if result == self._result:
                 goal.publish(told(Navigate.Feedback(), mission))

@@ -141,8 +141,7 @@ class Mission:
         """Begin without a mission, all edges open."""
         self.network, self.params, self.vehicle = network, params, vehicle
         self.outcome: Outcome | None = None  # of a mission that has ended; whoever tells it takes it away
-        self.closed: set[int] = set()
-        self.blocked: dict[int, float] = {}  # edges with an obstacle, and until when they count as closed
+        self.closed: dict[int, float] = {}  # edges, and until when: for ever by a call, for a while by an obstacle
         self.view = UNHEARD
         self.pose: tuple[Pose2, float] | None = None
         self.localizer = "", -math.inf
@@ -271,8 +270,7 @@ class Mission:
         if name.lstrip("-") not in edges:
             raise ValueError(f"edge: expected one of {', '.join(edges)}, found {name!r}")
         edge = edges[name.lstrip("-")]
-        self.blocked.pop(edge, None)
-        self.closed = self.closed | {edge} if is_closed else self.closed - {edge}
+        self.closed[edge] = math.inf if is_closed else now
         if is_closed and edge in {leg.edge for leg in self.legs_ahead}:
             self._interrupt("edge closed", now, f"edge {edge} was closed: another way is taken")
 
@@ -403,7 +401,7 @@ class Mission:
         elif now - since > self.params.patience and self.route.legs:
             at = self.route.leg_at(self.progress + self.vehicle.front + BEHIND_FRONT)
             edge = self.route.legs[at].edge
-            self.blocked[edge] = now + self.params.memory
+            self.closed[edge] = max(self.closed.get(edge, now), now + self.params.memory)
             self._obstacle = None
             self._go(WAITING, now, f"edge {edge} is blocked: another way is looked for")
         elif now >= self._retry_at:
@@ -490,7 +488,7 @@ class Mission:
 
     def closed_now(self, now: float) -> set[int]:
         """Return the edges that are closed, by a call or by an obstacle."""
-        return self.closed | {edge for edge, until in self.blocked.items() if until > now}
+        return {edge for edge, until in self.closed.items() if until > now}
 
     def here(self) -> list[Spot]:
         """Return where on the network the vehicle is; ValueError where no pose has come."""
@@ -556,12 +554,13 @@ class Mission:
     # --- over a restart
     def snapshot(self) -> MissionRecord:
         """Return what a mission needs to survive."""
+        closed = tuple(sorted(edge for edge, until in self.closed.items() if until == math.inf))
         left = self.permission, self.goal, self.laps_remaining, self.driven, self.route
-        return MissionRecord(self.network.map_id, tuple(sorted(self.closed)), *left)
+        return MissionRecord(self.network.map_id, closed, *left)
 
     def restore(self, record: MissionRecord, now: float) -> None:
         """Go on with a mission of before: held, unless the follower still drives that way."""
-        self.closed = self.network.edges.keys() & set(record.closed)
+        self.closed = dict.fromkeys(self.network.edges.keys() & set(record.closed), math.inf)
         if record.goal is None:
             return
         self.spots_of(record.goal)

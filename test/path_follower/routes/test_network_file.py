@@ -41,14 +41,6 @@ def test_route_server_finds_what_it_wants(drive):
     assert all(len(f["geometry"]["coordinates"]) == 2 and f["properties"]["frame"] == "map" for f in points)
     flat = [value for f in lines for value in f["properties"]["metadata"].values()]
     assert all(isinstance(value, bool | int | float | str) for value in flat)
-    twins = [f["properties"] for f in lines if "twin_of" in f["properties"]]
-    assert [(t["startid"], t["endid"]) for t in twins] == [
-        (e.end, e.start) for e in network.edges.values() if e.is_reverse
-    ]
-    assert (
-        from_geojson(json.dumps({"features": features, **json.loads(to_geojson(network))})).edges.keys()
-        == network.edges.keys()
-    )
 
 
 def test_a_network_comes_back_from_its_file_however_its_edges_may_be_driven(tmp_path):
@@ -119,7 +111,7 @@ def test_a_mission_comes_back_as_it_was(file, fork):
     mission = mission_of(fork)
     read_mission(file, mission, 5.0)
     assert mission.goal == Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0)
-    assert (mission.closed, mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
+    assert (mission.closed_now(1e9), mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
     assert mission.route.legs[0].edge == min(fork.edges)
     assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
 
