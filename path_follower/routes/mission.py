@@ -208,8 +208,8 @@ class Mission:
         self._heard = max(permission, self._heard[0]), now
         if self.permission == request.permission:
             self.permission = permission
-        if request.name == "clear":
-            self._conclude(False, self._ending or "", now)
+        if request.name == "clear" and self._ending is not None:  # no goal has come since
+            self._conclude(False, self._ending, now)
         elif request.name == "load":
             self._loaded = request.route
         elif request.name == "pause":
@@ -456,7 +456,7 @@ class Mission:
 
         A vehicle must not drive off because an emergency stop was released.
         """
-        if request.name == "clear":
+        if request.name == "clear" and self._ending is not None:
             self._conclude(False, f"{self._ending}; {failure}", now)
         elif self.state is PAUSED:
             self._is_paused = request.name == "pause" and (failure == WITHDRAWN or failure.startswith("nothing"))

@@ -375,6 +375,20 @@ def test_a_mission_that_ends_early_leaves_nothing_that_a_start_would_drive(trip)
     assert trip.state == "IDLE"  # the path that somebody has loaded since is theirs
 
 
+def test_a_goal_that_comes_while_the_way_to_the_last_one_is_cleared_away_is_driven_to(trip):
+    trip.drive_off()
+    trip.mission.cancel("canceled", trip.now)
+    assert trip.live() == ["stop"]
+    trip.is_answering = False
+    assert trip.live(1.0) == ["clear"]
+    late = trip.mission._pending[0]
+    trip.mission.begin(GOAL, trip.now)
+    trip.is_answering = True
+    trip.answer(late)
+    assert trip.live(3 * STEADY) == ["stop", "load", "start"]
+    assert (trip.mission.state, trip.mission.outcome) == (MissionState.DRIVING, None)
+
+
 @pytest.mark.parametrize("hold", ["stop", "pause"])
 def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
     trip.drive_off()
