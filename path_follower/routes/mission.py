@@ -98,18 +98,15 @@ class Request:
 
 @dataclass(frozen=True)
 class FollowerView:
-    """What the follower says of itself, m and s."""
+    """What the follower says of itself, m and s; no state: nothing, or nothing that still holds, but its permission."""
 
     state: str = ""
-    permission: int = -1
+    permission: int = 0
     reason: str = ""
     remedy: str = ""
     progress: float = 0.0
     distance_to_end: float = 0.0
     at: float = 0.0
-
-
-UNHEARD = FollowerView(at=-math.inf)  # nothing, or nothing that still holds
 
 
 @dataclass(frozen=True)
@@ -142,11 +139,10 @@ class Mission:
         self.network, self.params, self.vehicle = network, params, vehicle
         self.outcome: Outcome | None = None  # of a mission that has ended; whoever tells it takes it away
         self.closed: dict[int, float] = {}  # edges, and until when: for ever by a call, for a while by an obstacle
-        self.view = UNHEARD
+        self.view = FollowerView(at=-math.inf)
         self.pose: tuple[Pose2, float] | None = None
         self.localizer = "", -math.inf
         self.permission = 0  # under which it asks
-        self._heard = 0, -math.inf  # the newest permission that the follower has told, and when
         self._pending: tuple[Request, float] | None = None
         self._loaded = NO_ROUTE  # the last that the follower was given
         self._set_out(None)
@@ -180,10 +176,9 @@ class Mission:
 
     def see_follower(self, view: FollowerView) -> None:
         """Take what the follower says; what was on its way while a request was answered is no news."""
-        newest, heard_at = self._heard
-        if view.permission < newest and view.at - heard_at < LATE:
+        if view.permission < self.view.permission and view.at - self.view.at < LATE:
             return
-        self.view, self._heard = view, (view.permission, view.at)
+        self.view = view
         if self.state is not STARTING and (way := self._way_on(self.route)) is not None:
             self.progress = max(self.progress, way)
 
@@ -204,8 +199,7 @@ class Mission:
         if failure:
             self._refused(request, failure, now)
             return
-        self.view = UNHEARD  # but for what it said before
-        self._heard = max(permission, self._heard[0]), now
+        self.view = FollowerView(permission=max(permission, self.view.permission), at=now)
         if self.permission == request.permission:
             self.permission = permission
         if request.name == "clear" and self._ending is not None:  # no goal has come since
@@ -221,7 +215,7 @@ class Mission:
     def check(self, goal: Goal, now: float) -> None:
         """Raise ValueError for a goal that does not exist, or whose permission cannot be known."""
         self.spots_of(goal)
-        if now - self._heard[1] > MAX_SILENCE:
+        if now - self.view.at > MAX_SILENCE:
             raise ValueError(SILENT)
 
     def begin(self, goal: Goal, now: float) -> None:
@@ -234,7 +228,7 @@ class Mission:
 
     def _permit(self) -> None:
         """Take over the permission in force: an operator has just asked for motion."""
-        self.permission = self._heard[0]
+        self.permission = self.view.permission
 
     def cancel(self, why: str, now: float) -> None:
         """End the mission once the vehicle stands."""
@@ -262,7 +256,7 @@ class Mission:
         """Return why something cannot be asked for now."""
         if self.state not in TABLE[event]:
             return f"nothing to {event}: {self.state}"
-        return SILENT if now - self._heard[1] > MAX_SILENCE else ""
+        return SILENT if now - self.view.at > MAX_SILENCE else ""
 
     def close(self, name: str, is_closed: bool, now: float) -> None:
         """Close an edge, or open it; a mission that would come to it takes another way. ValueError: unknown edge."""
@@ -358,7 +352,7 @@ class Mission:
             return f"the localiser is {state}: wait for TRACKING, or call its relocalize"
         if self.pose is None or now - self.pose[1] > MAX_SILENCE:
             return "no pose: see the localiser and the topic of the pose"
-        if now - self.view.at > MAX_SILENCE:
+        if not self.view.state or now - self.view.at > MAX_SILENCE:
             return SILENT
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
@@ -369,7 +363,7 @@ class Mission:
         view, is_new = self.view, now - self._since <= MAX_SILENCE
         if now - view.at > MAX_SILENCE:
             if not is_new:
-                self.view = UNHEARD
+                self.view = FollowerView(permission=view.permission, at=view.at)
                 self._go(HELD, now, f"{SILENT}, then call resume")
         elif view.state == FollowerState.FINISHED and self.progress > self.route.length - 1.0:
             self._arrive(now)
@@ -412,7 +406,7 @@ class Mission:
         """Bring the vehicle to a stand, then go on with what comes after."""
         if now >= self._asked_at + RETRY:
             self._ask("stop", now)
-        elif self.view is not UNHEARD and self.view.state not in UNDER_WAY:
+        elif self.view.state and self.view.state not in UNDER_WAY:
             self._leave_vehicle(now)
 
     def _leave_vehicle(self, now: float) -> None:
