@@ -106,28 +106,29 @@ def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
             for place, is_begin in ((strand.begin, True), (strand.end, False)):
                 if place is not None:
                     _blend(strand, strands[place.strand], place.at, is_begin=is_begin)
-    driven = [_settled(places, place) for place in places[kept]]
-    for place, speed in zip(driven, curve.speed[kept], strict=True):
-        known = strands[place.strand].curve.speed
-        known[place.at] = np.fmax(known[place.at], speed)
-    for left, met in pairwise(driven):
+    for point in range(kept.start, kept.stop):
+        place = places[point] = _settled(places, places[point])
+        speed = strands[place.strand].curve.speed
+        speed[place.at] = np.fmax(speed[place.at], curve.speed[point])
+    for left, met in pairwise(places[kept]):
         _note(strands, left, met, int(drive.direction < 0))
 
 
 def _settled(places: Sequence[_Place], place: _Place) -> _Place:
     """Return a place on a curve of the network for one on what the drive itself did before."""
-    return _settled(places, places[place.at]) if place.strand == HERE else place
+    while place.strand == HERE:
+        place = places[place.at]
+    return place
 
 
 def _note(strands: Sequence[_Strand], left: _Place, met: _Place, way: int) -> None:
     """Note on curves that they were driven (0: forward, 1: backwards) from one place to the next."""
-    parts = [(left, met)]
-    if left.strand != met.strand:
-        parts = [
-            pair for end, begin in _joints(strands, left.strand, met.strand) for pair in ((left, end), (begin, met))
-        ]
-    for a, b in parts:
-        strands[a.strand].ways[way, min(a.at, b.at) : max(a.at, b.at)] = True
+    if left.strand == met.strand:
+        strands[met.strand].ways[way, min(left.at, met.at) : max(left.at, met.at)] = True
+    else:
+        for end, begin in _joints(strands, left.strand, met.strand):
+            _note(strands, left, end, way)
+            _note(strands, begin, met, way)
 
 
 def _joints(strands: Sequence[_Strand], left: int, met: int) -> list[tuple[_Place, _Place]]:
