@@ -36,7 +36,6 @@ from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array, Flags
 
 HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there
-LEAP = 2.0 / SPACING  # points of a curve from one point of a drive to the next that are no leap
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +205,8 @@ def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | in
 
 # --- runs
 def _runs(on: Indices, at: Indices) -> list[_Run]:
-    """Return the runs of points on the same curve without a leap."""
-    is_last = (np.diff(on) != 0) | ((on[1:] != OWN) & (np.abs(np.diff(at)) > LEAP))
+    """Return the runs of points on the same curve without a leap of more than 2 m."""
+    is_last = (np.diff(on) != 0) | ((on[1:] != OWN) & (np.abs(np.diff(at)) > 2.0 / SPACING))
     ends = [-1, *np.flatnonzero(is_last).tolist(), len(on) - 1]
     return [_Run(int(on[last]), before + 1, last) for before, last in pairwise(ends)]
 
@@ -218,7 +217,7 @@ def _tidy(on: Indices, at: Indices) -> list[_Run]:
     for before, run, after in zip(runs, runs[1:], runs[2:], strict=False):
         gone = at[after.first] - at[before.last]
         is_gap = run.on == OWN and before.on == after.on != OWN
-        if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= LEAP:
+        if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
             on[run.first : after.first] = before.on
             at[run.first : after.first] = np.linspace(at[before.last], at[after.first], run.count + 2)[1:-1]
     for run in _runs(on, at)[1:-1]:

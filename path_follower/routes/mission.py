@@ -43,7 +43,7 @@ ON_THE_MOVE = (FollowerState.DRIVING, FollowerState.SLOW)
 WAITED_FOR = tuple(reason for reason, severity in SEVERITY.items() if 0 < severity <= Severity.BLOCKED)
 RETRIED = (*WAITED_FOR, BRAKING)
 SILENT = "no status of path_follower: see that it runs"
-NO_ROUTE = Route((), 0.0)
+NO_ROUTE = Route(())
 
 
 class MissionState(enum.StrEnum):

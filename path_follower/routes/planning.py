@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
@@ -49,7 +49,7 @@ class Route:
     """
 
     legs: tuple[Leg, ...]
-    seconds: float
+    seconds: float = 0.0
     round_legs: int = 0
     change: float = 0.0
     lead: float = 0.0
@@ -90,20 +90,13 @@ def plan(
         """Add legs, and them up to each goal on the last one; one just behind the start is reached, but by no round."""
         *before, leg = legs
         pace = network.edges[leg.edge].pace(cruise) * (1.0 if leg.direction > 0 else REVERSE_COST)
-        least = 0.0 if before else AT_PLACE if is_round else -AT_PLACE
         heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, legs))
-        for s in (goal.s for goal in goals if goal.edge == leg.edge):
-            ahead = leg.direction * (s - leg.first)
-            if least <= ahead <= leg.length + 1e-9:
-                part = replace(leg, last=s if ahead > 0.0 else leg.first)
-                heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, (*before, part)))
+        for part in _reaching(leg, goals, 0.0 if before else AT_PLACE if is_round else -AT_PLACE):
+            heapq.heappush(queue, (cost + pace * part.length, next(numbers), True, (*before, part)))
 
     for leg in _first(network, starts, closed):
         add(0.0, leg)
-    ways = defaultdict[int, list[Leg]](list)  # whole edges, by the node where they are entered
-    for edge in network.edges.values():
-        for way in _whole(edge) if edge.id not in closed else ():
-            ways[edge.ends(way.direction)[0]].append(way)
+    ways = _open_ways(network, closed)
     done: set[tuple[int, int, bool]] = set()
     while queue:
         cost, _, is_end, legs = heapq.heappop(queue)
@@ -129,6 +122,22 @@ def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) ->
     if not found:
         on = ", ".join(str(spot.edge) for spot in starts)
         raise ValueError(f"no way: it stands on edge {on}, which is closed and may not be left backwards")
+    return found
+
+
+def _reaching(leg: Leg, goals: Sequence[Spot], least: float) -> list[Leg]:
+    """Return the leg up to each goal that is at least so many m ahead on it."""
+    ahead = [(leg.direction * (goal.s - leg.first), goal.s) for goal in goals if goal.edge == leg.edge]
+    within = [(way, s) for way, s in ahead if least <= way <= leg.length + 1e-9]
+    return [replace(leg, last=s if way > 0.0 else leg.first) for way, s in within]
+
+
+def _open_ways(network: Network, closed: Collection[int]) -> Mapping[int, list[Leg]]:
+    """Return the edges that may be driven, as whole legs by the node where they begin."""
+    found = defaultdict[int, list[Leg]](list)
+    for edge in network.edges.values():
+        for leg in _whole(edge) if edge.id not in closed else ():
+            found[edge.ends(leg.direction)[0]].append(leg)
     return found
 
 

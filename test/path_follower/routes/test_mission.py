@@ -123,15 +123,6 @@ def test_a_mission_loads_starts_and_arrives(trip):
     assert trip.mission.state is MissionState.IDLE
 
 
-def test_a_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
-    trip.drive_off()
-    assert trip.lead == pytest.approx(1.0)
-    trip.progress = 0.4
-    trip.live()
-    assert trip.mission.progress == pytest.approx(0.4)
-    assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
-
-
 def test_a_mission_waits_for_a_pose_and_for_a_localiser_that_searches(trip):
     trip.silent = "pose"
     trip.mission.begin(GOAL, 0.0)

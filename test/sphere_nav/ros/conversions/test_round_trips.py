@@ -40,8 +40,10 @@ KEY_SPHERES = [
     KeySphere(4, STAMP + 1, OTHER, served=0.5, last_served_ns=STAMP + 8),
 ]  # fmt: skip
 GRAPH = SphereGraph(KEY_SPHERES, [Edge(7, 4, OTHER, np.linalg.inv(COVARIANCE), is_loop=True)])
-WAY = np.arange(0, 3, 0.1)
-PATH = make_path(Given(np.stack([WAY, np.sin(WAY)], 1), np.zeros(30), map_id="yard"), FollowerParams())
+PATH = make_path(
+    Given(np.stack([np.arange(0, 3, 0.1), np.sin(np.arange(0, 3, 0.1))], 1), np.zeros(30), map_id="yard"),
+    FollowerParams(),
+)
 STATUS = Status(
     "DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.625, (3, 7), 0.75, 0.375, 4.5, 12, 6.5, 0.125, 9, 0.875, "yard"
 )
