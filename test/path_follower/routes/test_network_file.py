@@ -96,27 +96,26 @@ def mission_of(network):
     return mission
 
 
-GOAL = Goal("", Pose2(30.0, 0.0, 0.0), laps=3, wait=1.5)
-ROUTE = Route((Leg(5, -1, 7.0, 2.0), Leg(5, 1, 2.0, 9.0)), 24.0, round_legs=2, change=0.25, lead=1.0)
-
-
 @pytest.fixture
-def file(fork, tmp_path):
+def kept(fork, tmp_path):
+    """A mission that was written, in the second of three rounds."""
     mission = mission_of(fork)
-    mission.begin(GOAL, 0.0)
+    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=3, wait=1.5), 0.0)
     mission.close(str(max(fork.edges)), True, 0.0)
-    mission.route, mission.laps_remaining, mission.driven = ROUTE, 2, 12.5
+    legs = Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)
+    mission.route = Route(legs, 24.0, round_legs=2, change=0.25, lead=1.0)
+    mission.laps_remaining, mission.driven = 2, 12.5
     write_mission(tmp_path / "mission.json", mission)
-    return tmp_path / "mission.json"
+    return mission
 
 
-def test_a_mission_comes_back_as_it_was_with_the_laps_that_are_left(file, fork):
+def test_a_mission_comes_back_as_it_was_with_the_laps_that_are_left(kept, fork, tmp_path):
     mission = mission_of(fork)
-    read_mission(file, mission, 5.0)
-    assert (mission.goal, mission.laps_remaining, mission.route) == (GOAL, 2, ROUTE)
+    read_mission(tmp_path / "mission.json", mission, 5.0)
+    assert (mission.goal, mission.laps_remaining, mission.route) == (kept.goal, 2, kept.route)
     assert (mission.closed_now(1e9), mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
     assert (mission.distance_remaining, mission.time_remaining) == (pytest.approx(12.25), pytest.approx(24.0))
-    assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
+    assert [path.name for path in tmp_path.iterdir()] == ["mission.json"]
 
 
 BROKEN_MISSIONS = {
@@ -126,7 +125,9 @@ BROKEN_MISSIONS = {
 }
 
 
-def test_a_file_that_is_no_mission_is_refused(file, fork):
+@pytest.mark.usefixtures("kept")
+def test_a_file_that_is_no_mission_is_refused(tmp_path, fork):
+    file = tmp_path / "mission.json"
     whole = json.loads(file.read_text())
     for text, change in BROKEN_MISSIONS.items():
         file.write_text(json.dumps(whole | change))
