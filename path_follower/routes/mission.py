@@ -317,7 +317,7 @@ class Mission:
             self._permit()
             self._interrupt("follower started", now)
         elif self.view.state == FollowerState.PAUSED:
-            self._interrupt("follower paused", now, "call resume")
+            self._interrupt("follower paused", now, self.reason)
 
     def _wait(self, now: float) -> None:
         """Wait until nothing is lacking, or until what is in the way has gone; then plan."""
