@@ -14,8 +14,6 @@ from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.planning import Leg, Route, plan
-from path_follower.taught import Given
-from path_follower.taught import make_path as path_of
 
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
 LEAD, MAX_GROWTH = 1.0, 1.05
@@ -41,14 +39,14 @@ def course_of(network, route, pose=None):
     return route, points.T
 
 
-def test_a_joint_bends_no_more_than_what_was_driven(drive):
+def test_a_joint_bends_no_more_than_what_was_driven(drive, kit):
     """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
     turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)
     network = build_network([drive((60, 0)), turn])
     goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].y > 5)
     route = plan(network, [Spot(next(iter(network.edges)), 1.0)], network.spots_of(goal), cruise=1.4)
     _, (x, y, yaw, speed) = course_of(network, route)
-    path = path_of(Given(np.stack([x, y], axis=-1), yaw, speed), PARAMS)
+    path = kit.make_path(np.stack([x, y], axis=-1), PARAMS, yaw, speed)
     joint = np.abs(path.arc_length - route.ends[0]) < 3.0
     assert np.abs(np.diff(path.curvature[joint])).max() < 0.05
     assert path.max_curvature < 0.2
@@ -125,7 +123,7 @@ def test_a_car_drives_onto_the_path(drive, kit):
         pose = beside(edge.curve, s, left, turned)
         route = plan(network, network.locate(pose, 1.05, 0.4), [Spot(edge.id, s + 14.0)], cruise=1.4)
         _, (x, y, yaw, speed) = course_of(network, route, pose)
-        follower = Follower(PARAMS, path_of(Given(np.stack([x, y], axis=-1), yaw, speed), PARAMS))
+        follower = Follower(PARAMS, kit.make_path(np.stack([x, y], axis=-1), PARAMS, yaw, speed))
         driven = kit.run(follower, pose, kit.World(position_noise=0.01, yaw_noise=0.002, period=0.1), seconds=40.0)
         assert driven.final.state is FollowerState.FINISHED, driven.final.verdict
         kit.assert_within_limits(driven, PARAMS)
