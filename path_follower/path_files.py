@@ -7,14 +7,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from path_follower.constants import MAX_LINE_GAP, MAX_POINTS
 from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import make_path, taught_speeds, told_headings
+from path_follower.taught import Given, make_path, taught_speeds, told_headings
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import (
     load_json,
@@ -36,17 +36,6 @@ GEOGRAPHIC = re.compile(r"CRS\s*:?8[34]|EPSG:+4\d{3}\b|WGS\s*84", re.IGNORECASE)
 Line = tuple[tuple[float, ...], ...]
 
 
-class Given(NamedTuple):
-    """What a file holds: points (N, 2) m, headings (N,) rad and speeds (N,) m/s where known, and of which map."""
-
-    points: Array
-    yaw: Array | None = None
-    speed: Array | None = None
-    is_closed: bool = False
-    map_id: str = ""
-    frame: str = ""  # empty where the file does not say
-
-
 def read_path(path: str | os.PathLike[str], params: FollowerParams) -> ReferencePath:
     """Read a file by its ending; ValueError in one line: file, line or field, expected, found."""
     file = Path(path)
@@ -55,7 +44,7 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams) -> Reference
     if given.frame not in ("", expected_frame):
         raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
     with told_at(file):
-        return make_path(*given[:3], params, is_closed=given.is_closed, map_id=given.map_id)
+        return make_path(given, params)
 
 
 def read_given(file: Path) -> Given:

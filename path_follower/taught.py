@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from path_follower.constants import (
     CUSP_HYSTERESIS,
@@ -23,23 +23,27 @@ from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
 
-def make_path(
-    points: ArrayLike,
-    yaw: ArrayLike | None,
-    speed: ArrayLike | None,
-    params: FollowerParams,
-    *,
-    is_closed: bool = False,
-    map_id: str = "",
-) -> ReferencePath:
-    """Make the trajectory from points (N, 2) in m in order of driving, headings (N,) and speeds (N,) where known.
+class Given(NamedTuple):
+    """What a path is made of: points (N, 2) m in order of driving, headings (N,) rad and speeds (N,) m/s where known.
 
-    Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds;
-    NaN where unknown. `map_id`: of the map it was taught in. ValueError for what cannot be driven.
+    Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds, NaN
+    where unknown. `map_id`: of the map it was taught in; `frame`: empty where nobody says.
     """
-    path = params.path
-    xy, headings, speeds = _check(points, yaw, speed)
-    is_closed = is_closed or path.is_closed
+
+    points: Array
+    yaw: Array | None = None
+    speed: Array | None = None
+    is_closed: bool = False
+    map_id: str = ""
+    frame: str = ""
+
+
+def make_path(given: Given, params: FollowerParams) -> ReferencePath:
+    """Make the trajectory; ValueError for what cannot be driven."""
+    path, xy = params.path, given.points
+    headings = _check(xy, given.yaw)
+    speeds = np.full(len(xy), np.nan) if given.speed is None else np.abs(given.speed)
+    is_closed = given.is_closed or path.is_closed
     if is_closed:
         _check_ring(xy)
     parts = _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]
@@ -54,7 +58,7 @@ def make_path(
         if headings is not None:
             _check_heading(xy[order], headings[order], curve, direction)
         pieces.append((curve, direction, _bound(xy[order], speeds[order], curve, params.speed)))
-    return replace(_join(pieces, params, is_closed), map_id=map_id).at_cruise(params.speed.cruise)
+    return replace(_join(pieces, params, is_closed), map_id=given.map_id).at_cruise(params.speed.cruise)
 
 
 def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
@@ -80,14 +84,10 @@ def told_headings(xy: Array, turns: Array) -> Array | None:
     return yaw if is_told or len(_split(xy, yaw)) > 1 else None
 
 
-def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
-    xy = np.asarray(points, dtype=np.float64)
-    if xy.ndim != 2 or xy.shape[-1] != 2 or not 2 <= len(xy) <= MAX_POINTS:
-        raise ValueError(f"path: expected 2 to {MAX_POINTS} points (x, y), found shape {xy.shape}")
-    headings = None if yaw is None else np.asarray(yaw, dtype=np.float64)
-    speeds = np.full(len(xy), np.nan) if speed is None else np.abs(np.asarray(speed, dtype=np.float64))
-    if speeds.shape != (len(xy),) or (headings is not None and headings.shape != (len(xy),)):
-        raise ValueError(f"path: expected {len(xy)} headings and speeds")
+def _check(xy: Array, headings: Array | None) -> Array | None:
+    """Return the headings, None where they are not those of the way; ValueError for points that are none."""
+    if not 2 <= len(xy) <= MAX_POINTS:
+        raise ValueError(f"path: expected 2 to {MAX_POINTS} points (x, y), found {len(xy)}")
     table = xy if headings is None else np.column_stack([xy, headings])
     for bad in np.flatnonzero(~np.isfinite(table).all(axis=1)):
         raise ValueError(f"path: point {bad}: expected finite numbers, found {table[bad].tolist()}")
@@ -98,10 +98,11 @@ def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) ->
     length = float(np.sum(gaps))
     if not MIN_LENGTH <= length <= MAX_LENGTH:
         raise ValueError(f"path: expected a length of {MIN_LENGTH} to {MAX_LENGTH:.0f} m, found {length:.3g} m")
-    inner = headings if headings is None else headings[len(xy) > 3 : max(2, len(xy) - 1)]  # not of start and goal
-    if inner is not None and np.ptp(inner) < 1e-6 and _is_across(xy, float(inner[0])):
-        headings = None  # the same everywhere, and not that of the way: positions only
-    return xy, headings, speeds
+    if headings is None:
+        return None
+    inner = headings[len(xy) > 3 : max(2, len(xy) - 1)]  # not of start and goal
+    is_same = np.ptp(inner) < 1e-6 and _is_across(xy, float(inner[0]))  # everywhere, and not that of the way
+    return None if is_same else headings
 
 
 def _check_ring(xy: Array) -> None:

@@ -177,7 +177,7 @@ class Town:
     def _walk(self, now: int) -> None:
         """Let somebody step before the car every 150 m of a mission, and off again."""
         mission = self.navigator.mission
-        if mission.course is None or mission.progress < 5.0:
+        if mission.progress < 5.0:
             self.next_walker = float(self.rng.uniform(50.0, 150.0))
         elif mission.state == "DRIVING" and mission.progress > self.next_walker and mission.distance_remaining > 15.0:
             state = self.car.state
@@ -210,7 +210,7 @@ class Town:
             across = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
             is_touched = -0.35 - WALKER < along < 1.55 + WALKER and abs(across) < 0.6 + WALKER
             driven.contacts += int(is_touched and abs(state.speed) > 0.02)
-        is_under_way = mission.course is not None and mission.progress >= 10.0
+        is_under_way = mission.progress >= 10.0
         had_stood, self.is_standing = self.is_standing, not is_under_way or abs(state.speed) < 0.05
         if not self.is_standing:
             x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]

@@ -142,7 +142,7 @@ class CameraTown(Town):
         for said in self.bus.settle():
             if said.topic == "/status":
                 self.state = said.message.state
-                self.states[self.state] += self.navigator.mission.course is not None
+                self.states[self.state] += 1
             elif said.topic == "/pose":
                 T_world_base = self.taught.to_world(pose_to_se3(said.message.pose.pose))
                 off = T_world_base.translation - self.truth.pop(stamp_ns(said.message)).translation

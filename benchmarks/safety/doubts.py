@@ -20,7 +20,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, compose_poses
 from path_follower.reasons import StopReason
-from path_follower.taught import make_path
+from path_follower.taught import Given, make_path
 from sphere_nav.geometry.arrays import Array
 
 LENGTH_M = 150.0  # of each drive
@@ -47,7 +47,7 @@ class Drive:
         self.vehicle = Vehicle(VehicleState(), car, ActuatorParams(steering_lag=lag, speed_lag=lag))
         # at 5 Hz two lost poses in a row are longer than the usual limit
         params = FollowerParams(safety=SafetyParams(max_pose_silence=max(0.4, 4.5e-9 * period_ns)))
-        self.follower = Follower(params, make_path(road(self.rng, LENGTH_M), None, None, params))
+        self.follower = Follower(params, make_path(Given(road(self.rng, LENGTH_M)), params))
         self.wheels = WheelOdometry(ODOMETRY_NS / SECOND, seed, WheelErrors(slip=SLIP))
         self.command, self.last_state = VehicleCommand(), FollowerState.IDLE
         self.pending: list[tuple[int, Pose2]] = []

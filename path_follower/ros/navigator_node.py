@@ -14,12 +14,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
-from path_follower.routes.constants import MAX_TURN, TICK
-from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Request
+from path_follower.routes.constants import TICK
+from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Outcome, Request
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
-from path_follower.routes.planning import plan
 from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
@@ -133,15 +132,9 @@ class RouteNavigator(ManagedNode):
 
     def on_plan(self, request: PlanRoute.Request, response: PlanRoute.Response) -> PlanRoute.Response:
         """Tell the way to a place."""
-        mission, p = self.mission, self.params.mission
-        if request.start:
-            starts = self.network.spots_of(self.network.node_of(request.start))
-        elif mission.pose is None:
-            raise ValueError("start: expected a place, or a pose of the vehicle, found neither")
-        else:
-            starts = self.network.locate(mission.pose[0], p.reach, MAX_TURN)
-        goals = mission.spots_of(Goal(request.place))
-        route = plan(self.network, starts, goals, cruise=p.cruise, closed=mission.closed_now(self.now()))
+        mission = self.mission
+        starts = mission.spots_of(Goal(request.start)) if request.start else mission.here()
+        route = mission.way(starts, Goal(request.place), 0, self.now())
         response.success, response.edges = True, [leg.name for leg in route.legs]
         response.length, response.duration = route.length, route.seconds
         return response
@@ -153,7 +146,8 @@ class RouteNavigator(ManagedNode):
 
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
-        self.finish_goals(False, "replaced by a new goal", self.mission.driven + self.mission.progress)
+        driven = self.mission.driven + self.mission.progress
+        self.finish_goals(Outcome(False, "replaced by a new goal", driven))
         self.mission.begin(read(goal.request), self.now())
         self.goals.append((goal, result))
         self.tell()
@@ -176,25 +170,23 @@ class RouteNavigator(ManagedNode):
         driving.check_frames(message, self.params.map_frame)
         return Pose2.of(conversions.pose_to_se3(message.pose))
 
-    def _result(self, success: bool, reason: str, distance: float) -> Navigate.Result:
-        return Navigate.Result(success=success, reason=reason, distance=distance)
+    def _result(self, outcome: Outcome) -> Navigate.Result:
+        return told(Navigate.Result(), outcome)
 
     def _nav2_goal(self, request: Any) -> Goal:
         return Goal("", self._pose(request.pose))
 
-    def _nav2_result(self, success: bool, reason: str, distance: float) -> Any:
-        result = NavigateToPose.Result()
-        if hasattr(result, "error_code"):
-            result.error_code = 0 if success else NAV2_FAILED
+    def _nav2_result(self, outcome: Outcome) -> Any:
+        result = NavigateToPose.Result(error_code=0 if outcome.success else NAV2_FAILED)
         if hasattr(result, "error_msg"):  # since Kilted
-            result.error_msg = reason
+            result.error_msg = outcome.reason
         return result
 
-    def finish_goals(self, success: bool, reason: str, distance: float) -> None:
-        """End the goals of the mission, which has driven this far in m."""
+    def finish_goals(self, outcome: Outcome) -> None:
+        """End the goals of the mission."""
         while self.goals:
             goal, result = self.goals.pop()
-            goal.finish(result(success, reason, distance), success=success)
+            goal.finish(result(outcome), success=outcome.success)
 
     # --- what goes out
     def on_tick(self) -> None:
@@ -205,10 +197,10 @@ class RouteNavigator(ManagedNode):
         if outcome is not None:
             self.result = outcome.reason
             (self.log.info if outcome.success else self.log.warning)(f"mission: {outcome.reason or 'arrived'}")
-            self.finish_goals(outcome.success, outcome.reason, outcome.distance)
+            self.finish_goals(outcome)
         for goal, result in self.goals:
             if result == self._result:
-                goal.publish(self.feedback())
+                goal.publish(told(Navigate.Feedback(), mission))
         self.tell()
 
     def go_on(self) -> None:
@@ -225,47 +217,29 @@ class RouteNavigator(ManagedNode):
             self.mission.answer(request, refusal, 0 if failure else response.permission, self.now())
 
         path = ""
-        if request.course is not None:
+        if request.points is not None:
             file = self.folder / "course.csv"
             try:
-                write_course(file, request.course, self.network.map_id)
+                write_course(file, request.points, self.network.map_id)
             except OSError as error:
                 answer(None, one_line(error))
                 return
             path = str(file)
         self.follower(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
 
-    def feedback(self) -> Navigate.Feedback:
-        """Return how the mission goes."""
-        mission = self.mission
-        return Navigate.Feedback(
-            edge=next((str(leg.edge) for leg in mission.legs_ahead), ""),
-            next_place=mission.next_place,
-            distance_remaining=mission.distance_remaining,
-            time_remaining=mission.time_remaining,
-            state=str(mission.state),
-        )
-
     def tell(self) -> None:
         """Publish the status, on every change and once a second; keep on disk what survives."""
-        mission, now, how = self.mission, self.now(), self.feedback()
+        mission, now = self.mission, self.now()
         closed = [str(edge) for edge in sorted(mission.closed_now(now))]
-        news = (mission.state, mission.reason, mission.goal, how.edge, how.next_place, *closed)
+        news = mission.state, mission.reason, mission.goal, mission.edge, mission.next_place, closed
         if news == self.said and now - self.said_at < STATUS_PERIOD:
             return
         text, is_standing = f"{mission.state} {mission.reason}", mission.state in STANDING
         self.endpoints.tell("mission", WARN if is_standing and mission.reason else OK, text.strip(), text)
         self.said, self.said_at = news, now
-        status = NavigatorStatus(
-            header=header(self.now_ns(), self.params.map_frame),
-            reason=mission.reason,
-            place="" if mission.goal is None else mission.goal.place,
-            laps_remaining=min(mission.laps_left, 65535),
-            closed_edges=closed,
-            last_result=self.result,
-            map_id=self.network.map_id,
-        )
-        self.status.publish(told(status, how))
+        status = NavigatorStatus(header=header(self.now_ns(), self.params.map_frame), map_id=self.network.map_id)
+        status.closed_edges, status.last_result = closed, self.result
+        self.status.publish(told(status, mission))
         self.keep()
 
     # --- over a restart

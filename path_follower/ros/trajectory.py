@@ -14,7 +14,7 @@ from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.path_files import read_path
 from path_follower.ros.front import LoopRequests
-from path_follower.taught import make_path, taught_speeds, told_headings
+from path_follower.taught import Given, make_path, taught_speeds, told_headings
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
@@ -72,7 +72,7 @@ class TrajectoryIntake:
         stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
         speeds = taught_speeds(points, stamps) if len(points) > 1 and np.all(np.diff(stamps) > 0) else None
         yaw = told_headings(points, np.array([T_map_base.quaternion for _, T_map_base in poses]).reshape(-1, 4))
-        self.use(make_path(points, yaw, speeds, self.params))
+        self.use(make_path(Given(points, yaw, speeds), self.params))
         self.points = points
 
     def on_trajectory(self, message: ReferenceTrajectory) -> None:
@@ -81,7 +81,7 @@ class TrajectoryIntake:
         points, headings, speeds = driving.message_to_trajectory(message)
         turns = np.stack([0.0 * headings, 0.0 * headings, np.sin(headings / 2.0), np.cos(headings / 2.0)], axis=-1)
         yaw = headings if message.is_reverse_allowed else told_headings(points, turns)
-        self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed, map_id=message.map_id))
+        self.use(make_path(Given(points, yaw, speeds, message.is_closed, message.map_id), self.params))
 
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""

@@ -9,8 +9,8 @@ and goes over to what was driven within some metres. Curves are then cut at the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
-from path_follower.path import between, turned_by
+from path_follower.path import Pose2, between, turned_by
 from path_follower.routes.constants import (
     ALIKE,
     BLEND,
@@ -35,7 +35,7 @@ from path_follower.routes.constants import (
 from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array, Flags
 
-OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
+HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,25 +46,21 @@ class TaughtDrive:
     direction: int = 1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Run:
-    """Points of a drive from `first` on that lie alongside points `at` of a curve, or on none."""
+    """Points of a drive that lie alongside one curve, or on none."""
 
     on: int
     first: int
-    at: Indices
+    last: int
 
     @property
     def count(self) -> int:
-        return len(self.at)
-
-    @property
-    def last(self) -> int:
-        return self.first + len(self.at) - 1
+        return self.last - self.first + 1
 
 
-class _Anchor(NamedTuple):
-    """A point of a curve where another one begins or ends."""
+class _Place(NamedTuple):
+    """A point of a curve; where another one begins or ends."""
 
     strand: int
     at: int
@@ -72,13 +68,12 @@ class _Anchor(NamedTuple):
 
 @dataclass(eq=False)
 class _Strand:
-    """A curve of the network before it is cut, and whether each point was driven forward, and backwards (2, N)."""
+    """A curve of the network before it is cut, and whether each step was driven forward, and backwards (2, N - 1)."""
 
     curve: EdgeCurve
     ways: Flags
-    begin: _Anchor | None = None
-    end: _Anchor | None = None
-    cuts: set[int] = field(default_factory=set)
+    begin: _Place | None = None
+    end: _Place | None = None
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
@@ -88,65 +83,76 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
     strands: list[_Strand] = []
     for drive in drives:
         _add_drive(strands, drive)
-    return _cut(strands, map_id)
+    return _numbered(*_cut(strands), map_id)
+
+
+def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
+    """Add what a drive does not share as curves of their own; note on the others that it came by."""
+    curve = drive.curve
+    on, at = _alongside(strands, curve)
+    runs = _with_changes(strands, at, _tidy(on, at))
+    kept = slice(runs[0].first, runs[-1].last + 1)
+    at[on == HERE] = np.maximum(at[on == HERE], kept.start)
+    places = [_Place(*place) for place in zip(on.tolist(), at.tolist(), strict=True)]  # in the network, of each point
+    for index, run in enumerate(runs):
+        if run.on == OWN:
+            (first, begin), (last, end) = (_branch(strands, curve, at, runs, index, side) for side in (-1, 1))
+            ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first)
+            strand = _Strand(curve.between(first, last), ways)
+            places[first : last + 1] = [_Place(len(strands), point) for point in range(last - first + 1)]
+            strands.append(strand)
+            strand.begin, strand.end = begin and _settled(places, begin), end and _settled(places, end)
+            for place, is_begin in ((strand.begin, True), (strand.end, False)):
+                if place is not None:
+                    _blend(strand, strands[place.strand], place.at, is_begin=is_begin)
+    for point in range(kept.start, kept.stop):
+        place = places[point] = _settled(places, places[point])
+        speed = strands[place.strand].curve.speed
+        speed[place.at] = np.fmax(speed[place.at], curve.speed[point])
+    for left, met in pairwise(places[kept]):
+        _note(strands, left, met, int(drive.direction < 0))
+
+
+def _settled(places: Sequence[_Place], place: _Place) -> _Place:
+    """Return a place on a curve of the network for one on what the drive itself did before."""
+    while place.strand == HERE:
+        place = places[place.at]
+    return place
+
+
+def _note(strands: Sequence[_Strand], left: _Place, met: _Place, way: int) -> None:
+    """Note on curves that they were driven (0: forward, 1: backwards) from one place to the next."""
+    if left.strand == met.strand:
+        strands[met.strand].ways[way, min(left.at, met.at) : max(left.at, met.at)] = True
+    else:
+        for end, begin in _joints(strands, left.strand, met.strand):
+            _note(strands, left, end, way)
+            _note(strands, begin, met, way)
+
+
+def _joints(strands: Sequence[_Strand], left: int, met: int) -> list[tuple[_Place, _Place]]:
+    """Return the ends of two curves where the one that is left ends on the other, or this begins on it."""
+    end = _Place(left, len(strands[left].curve) - 1), strands[left].end
+    begin = strands[met].begin, _Place(met, 0)
+    return [(a, b) for a, b in (end, begin) if a is not None and b is not None and (a.strand, b.strand) == (left, met)]
 
 
 # --- alongside
-def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
-    """Add what a drive does not share as curves of their own; note on the others that it came by."""
-    runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    known, pieces = len(strands), list[_Run]()
-    for index, run in enumerate(runs):
-        if run.on == OWN:
-            (first, begin), (last, end) = (_anchor(strands, drive.curve, runs, index, side) for side in (-1, 1))
-            pieces.append(_Run(len(strands), first, np.arange(last - first + 1)))
-            ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first + 1)
-            strands.append(_Strand(drive.curve.between(first, last), ways, begin, end))
-    shared = [run for run in runs if run.on != OWN]
-    for strand in strands[known:]:
-        strand.begin, strand.end = (at and _resolve(pieces, shared, at) for at in (strand.begin, strand.end))
-        for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
-            if anchor is not None:
-                _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
-                strands[anchor.strand].cuts.add(anchor.at)
-    for run in shared:
-        for point, at in enumerate(run.at.tolist(), run.first):
-            anchor = _resolve(pieces, shared, _Anchor(run.on, at))
-            strand = strands[anchor.strand]
-            strand.curve.speed[anchor.at] = np.fmax(strand.curve.speed[anchor.at], drive.curve.speed[point])
-            strand.ways[int(drive.direction < 0), anchor.at] = True
-
-
-def _resolve(pieces: Sequence[_Run], shared: Sequence[_Run], met: _Anchor) -> _Anchor:
-    """Return the point of a curve that was met; of what the drive itself did, where that has gone, by its parts."""
-    on, at = met
-    if on != HERE:
-        return met
-    inside = [part for part in (*pieces, *shared) if part.first <= at <= part.last]
-    (part, *_) = inside or sorted(pieces or shared, key=lambda part: max(part.first - at, at - part.last))
-    there = int(part.at[min(max(at - part.first, 0), part.count - 1)])
-    return _resolve(pieces, shared, _Anchor(part.on, there))
-
-
-def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
-    """Return runs of points that lie alongside the same curve; one that is followed is kept as long as it is near."""
-    found = {k: _alongside(strand.curve, curve) for k, strand in enumerate(strands)}
-    found[HERE] = _alongside_itself(curve)
-    runs: list[_Run] = []
-    on = OWN
+def _alongside(strands: Sequence[_Strand], curve: EdgeCurve) -> tuple[Indices, Indices]:
+    """Return on which curve each point of a drive lies, and where; the one that is followed counts while it is near."""
+    curves = [*(strand.curve for strand in strands), curve]
+    off, near = map(np.array, zip(*(_near(there, curve) for there in curves), strict=True))
+    on, at = np.full(len(curve), OWN), np.full(len(curve), -1)
     for point in range(len(curve)):
-        near = {k: (off[point], at[point]) for k, (off, at) in found.items() if at[point] >= 0}
-        last = int(runs[-1].at[-1]) if runs else -1
-        if on != OWN and (ahead := _ahead(curve if on == HERE else strands[on].curve, curve, point, last)) >= 0:
-            near[on] = (0.0, ahead)
-        if on not in near:
-            on = min(near, key=lambda k: float(near[k][0])) if near else OWN
-        at = int(near[on][1]) if on != OWN else -1
-        run = _Run(on, point, np.array([at], dtype=np.intp))
-        if runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING):
-            run = _with(runs.pop(), run)
-        runs.append(run)
-    return runs
+        followed = on[point - 1] if point else OWN
+        if followed != OWN:
+            ahead = _ahead(curves[followed], curve, point, at[point - 1])
+            at[point] = ahead if ahead >= 0 else near[followed, point]
+        if at[point] < 0:
+            best = np.argmin(off[:, point])
+            followed, at[point] = HERE if best == len(strands) else best, near[best, point]
+        on[point] = followed if at[point] >= 0 else OWN
+    return on, at
 
 
 def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
@@ -157,14 +163,25 @@ def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     return int(_on_lane(there, curve, best, point)[1]) if is_past else -1
 
 
+def _near(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
+    """Return the distance of each point of a drive from a curve, and the index there, -1: not on its lane.
+
+    Of the drive itself only what is PAST m behind counts.
+    """
+    known, features, points = _features(there), _features(curve), np.arange(len(curve))
+    if there is not curve:
+        return _on_lane(there, curve, _nearest(known, features), points)
+    off, at = np.full(len(curve), np.inf), np.full(len(curve), -1)
+    past, block = round(PAST / SPACING), round(5.0 / SPACING)
+    for begin in range(past + 1, len(curve), block):
+        some = points[begin : begin + block]
+        off[some], at[some] = _on_lane(curve, curve, _nearest(known[: begin - past], features[some]), some)
+    return off, at
+
+
 def _features(curve: EdgeCurve) -> Array:
     turned = (TURN_SCALE * np.cos(curve.yaw), TURN_SCALE * np.sin(curve.yaw))
     return np.stack([curve.x, curve.y, *turned], axis=-1)
-
-
-def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
-    """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
-    return _on_lane(there, curve, _nearest(_features(there), _features(curve)), np.arange(len(curve)))
 
 
 def _nearest(known: Array, features: Array) -> Indices:
@@ -186,113 +203,83 @@ def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | in
     return off, turned_by(there.yaw[at], curve.yaw[points])
 
 
-def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
-    """The same of a curve and what it did at least PAST m before."""
-    off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
-    features, past, block = _features(curve), round(PAST / SPACING), round(5.0 / SPACING)
-    for begin in range(past + 1, len(curve), block):
-        points = np.arange(begin, min(begin + block, len(curve)))
-        at = _nearest(features[: begin - past], features[points])
-        off[points], found[points] = _on_lane(curve, curve, at, points)
-    return off, found
+# --- runs
+def _runs(on: Indices, at: Indices) -> list[_Run]:
+    """Return the runs of points on the same curve without a leap of more than 2 m."""
+    is_last = (np.diff(on) != 0) | ((on[1:] != OWN) & (np.abs(np.diff(at)) > 2.0 / SPACING))
+    ends = [-1, *np.flatnonzero(is_last).tolist(), len(on) - 1]
+    return [_Run(int(on[last]), before + 1, last) for before, last in pairwise(ends)]
 
 
-def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> list[_Run]:
-    """Close gaps between runs along the same curve, drop short ones, join neighbours."""
-    inner = (_without_gap(*three) for three in zip(runs, runs[1:], runs[2:], strict=False))
-    closed = [*runs[:1], *inner, *runs[1:][-1:]]
-    kept = [
-        replace(run, on=OWN)
-        if run.on != OWN and run.count < MIN_SHARED / SPACING and run.first > 0 and run.last < len(curve) - 1
-        else run
-        for run in _joined(closed)
-    ]
-    whole = _joined(kept)
+def _tidy(on: Indices, at: Indices) -> list[_Run]:
+    """Return runs after gaps between runs along the same curve are closed, short ones and stubs dropped."""
+    runs = _runs(on, at)
+    for before, run, after in zip(runs, runs[1:], runs[2:], strict=False):
+        gone = at[after.first] - at[before.last]
+        is_gap = run.on == OWN and before.on == after.on != OWN
+        if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
+            on[run.first : after.first] = before.on
+            at[run.first : after.first] = np.linspace(at[before.last], at[after.first], run.count + 2)[1:-1]
+    for run in _runs(on, at)[1:-1]:
+        if run.count < MIN_SHARED / SPACING:
+            on[run.first : run.last + 1] = OWN
+    runs = _runs(on, at)
     for end in (0, -1):
-        if len(whole) > 1 and whole[end].on == OWN and whole[end].count < STUB / SPACING:
-            del whole[end]
-    return _with_changes(strands, whole)
+        if len(runs) > 1 and runs[end].on == OWN and runs[end].count < STUB / SPACING:
+            del runs[end]
+    return runs
 
 
-def _without_gap(before: _Run, run: _Run, after: _Run) -> _Run:
-    """Return a short run of its own as one along the curve that it leaves and comes back to."""
-    gone = int(after.at[0]) - int(before.at[-1])
-    is_gap = run.on == OWN and before.on == after.on != OWN
-    if is_gap and run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
-        between_them = np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1]
-        return _Run(before.on, run.first, between_them.astype(np.intp))
-    return run
-
-
-def _with(run: _Run, following: _Run) -> _Run:
-    return replace(run, at=np.concatenate([run.at, following.at]))
-
-
-def _joined(runs: Iterable[_Run]) -> list[_Run]:
-    joined: list[_Run] = []
-    for run in runs:
-        last = joined[-1] if joined else run
-        if joined and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
-            run = _with(joined.pop(), run)
-        joined.append(run)
-    return joined
-
-
-def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
+def _with_changes(strands: Sequence[_Strand], at: Indices, runs: list[_Run]) -> list[_Run]:
     """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
     half = round(MIN_SHARED / SPACING)
-    result: list[_Run] = []
-    for run in runs:
-        last = result[-1] if result else run
-        if result and OWN not in (last.on, run.on) and not _are_connected(strands, last, run):
-            before, after = min(half, last.count - 1), min(half, run.count - 1)
-            result[-1] = replace(last, at=last.at[: last.count - before])
-            result.append(_Run(OWN, last.last + 1 - before, np.full(before + after, -1, dtype=np.intp)))
-            run = replace(run, first=run.first + after, at=run.at[after:])
+    result = runs[:1]
+    for run in runs[1:]:
+        last = result[-1]
+        ends = _Place(last.on, int(at[last.last])), _Place(run.on, int(at[run.first]))
+        if OWN not in (last.on, run.on) and not _are_connected(strands, *ends):
+            left, met = max(last.first, last.last - half), min(run.last, run.first + half)
+            result[-1] = replace(last, last=left)
+            result.append(_Run(OWN, left + 1, met - 1))
+            run = replace(run, first=met)
         result.append(run)
     return result
 
 
-def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
-    """Whether the curve of one run ends on that of the other, or begins there, about where the drive changes over."""
-    if HERE in (last.on, run.on):
+def _are_connected(strands: Sequence[_Strand], left: _Place, met: _Place) -> bool:
+    """Whether the curve that is left ends on that which is met, or this begins on it, about where they change over."""
+    if HERE in (left.strand, met.strand):
         return False
-    near = (BLEND + 2.0) / SPACING
-    end, begin = strands[last.on].end, strands[run.on].begin
-    is_end = end is not None and end.strand == run.on and abs(int(run.at[0]) - end.at) <= near
-    is_begin = begin is not None and begin.strand == last.on and abs(int(last.at[-1]) - begin.at) <= near
-    return (is_end and len(strands[last.on].curve) - int(last.at[-1]) <= near) or (is_begin and int(run.at[0]) <= near)
+    near, joints = (BLEND + 2.0) / SPACING, _joints(strands, left.strand, met.strand)
+    return any(abs(end.at - left.at) <= near and abs(begin.at - met.at) <= near for end, begin in joints)
 
 
 # --- branches
-def _anchor(
-    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int, side: int
-) -> tuple[int, _Anchor | None]:
+def _branch(
+    strands: Sequence[_Strand], curve: EdgeCurve, at: Indices, runs: Sequence[_Run], index: int, side: int
+) -> tuple[int, _Place | None]:
     """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
     run, near = runs[index], index + side
-    if run.on != OWN or not 0 <= near < len(runs):
+    if not 0 <= near < len(runs):
         return run.first if side < 0 else run.last, None
     other, window = runs[near], round(BLEND / SPACING)
     share = (other.count + 1) // 2 if 0 <= near + side < len(runs) else other.count
     missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
     late = max(1, other.count - missing)
     offsets = np.arange(max(0, late - min(window, share)), late)
-    return _best(strands, curve, other, offsets if side < 0 else other.count - 1 - offsets[::-1], is_late=side < 0)
+    points = other.first + offsets if side < 0 else other.last - offsets[::-1]
+    there = curve if other.on == HERE else strands[other.on].curve
+    best = _most_alike(there, curve, at[points], points)[-1 if side < 0 else 0]
+    found, last = int(at[best]), len(there) - 1
+    end = 0 if found <= SNAP else last if found >= last - SNAP and other.on != HERE else found
+    return int(best), _Place(other.on, end)
 
 
-def _best(
-    strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: Indices, *, is_late: bool
-) -> tuple[int, _Anchor]:
-    """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
-    there = curve if run.on == HERE else strands[run.on].curve
-    points, at = run.first + offsets, run.at[offsets]
+def _most_alike(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> Indices:
+    """Return those of the points of a drive that are most alike, in pose and curvature, to points of a curve."""
     off, turned = _apart(there, curve, at, points)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
-    near = np.flatnonzero(cost <= cost.min() + ALIKE)
-    best = int(near[-1] if is_late else near[0])
-    found = int(at[best])
-    end = 0 if found <= SNAP else len(there) - 1 if found >= len(there) - 1 - SNAP and run.on != HERE else found
-    return int(points[best]), _Anchor(run.on, end)
+    return points[cost <= cost.min() + ALIKE]
 
 
 def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
@@ -325,50 +312,50 @@ def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
 
 
 # --- nodes and edges
-def _cut(strands: Sequence[_Strand], map_id: str) -> Network:
-    """Return the network of curves that are cut at their branches; nodes that nothing branches at are left out."""
-    numbers: dict[_Anchor, int] = {}
+def _cut(strands: Sequence[_Strand]) -> tuple[list[Pose2], list[RouteEdge]]:
+    """Return poses where curves are cut, the first is that of `home`, and edges between them by their numbers."""
+    places: dict[_Place, int] = {}
+    edges: list[RouteEdge] = []
 
-    def node(place: _Anchor) -> int:
+    def node(place: _Place) -> int:
         item = strands[place.strand]
-        anchor = item.begin if place.at == 0 else item.end if place.at == len(item.curve) - 1 else None
-        return numbers.setdefault(place, len(numbers)) if anchor in (None, place) else node(anchor)
+        joint = item.begin if place.at == 0 else item.end if place.at == len(item.curve) - 1 else None
+        return places.setdefault(place, len(places)) if joint in (None, place) else node(joint)
 
-    edges: dict[int, RouteEdge] = {}
+    joints = {place for strand in strands for place in (strand.begin, strand.end) if place is not None}
     for index, strand in enumerate(strands):
         changes = np.flatnonzero(np.any(strand.ways[:, 1:] != strand.ways[:, :-1], axis=0)) + 1
-        for first, last in pairwise(sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})):
-            ends = node(_Anchor(index, first)), node(_Anchor(index, last))
-            may = strand.ways[:, (first + last) // 2].tolist()
-            edges[len(edges)] = RouteEdge(len(edges), *ends, strand.curve.between(first, last), *may)
-    home = node(_Anchor(0, 0))
-    nodes = {number: strands[at.strand].curve.point(at.at) for at, number in numbers.items()}
-    return _renumbered(_dissolved(Network(nodes, edges, {"home": home}, map_id)))
+        cuts = {0, len(strand.curve) - 1, *changes.tolist(), *(at for on, at in joints if on == index)}
+        for first, last in pairwise(sorted(cuts)):
+            ends = node(_Place(index, first)), node(_Place(index, last))
+            may = strand.ways[:, first].tolist()
+            edges.append(RouteEdge(0, *ends, strand.curve.between(first, last), *may))
+    return [strands[place.strand].curve.point(place.at) for place in places], edges
 
 
-def _dissolved(network: Network) -> Network:
-    """Join edges at nodes where there is only one way on, driven alike, unless the node is a place."""
-    edges, nodes = dict(network.edges), dict(network.nodes)
-    for number in list(nodes):
-        before = [edge for edge in edges.values() if edge.end == number]
-        after = [edge for edge in edges.values() if edge.start == number]
-        if len(before) != 1 or len(after) != 1 or network.name_of(number) or before[0] is after[0]:
-            continue
-        a, b = before[0], after[0]
-        if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
-            continue
-        x, y, yaw, speed = np.concatenate([a.curve.columns, b.curve.columns[:, 1:]], axis=1)
-        edges[a.id] = replace(a, end=b.end, curve=EdgeCurve(x, y, np.unwrap(yaw), speed))
-        del edges[b.id], nodes[number]
-    return replace(network, nodes=nodes, edges=edges)
+def _numbered(poses: Sequence[Pose2], edges: list[RouteEdge], map_id: str) -> Network:
+    """Return the network without nodes at which nothing branches, and with numbers from 1.
 
-
-def _renumbered(network: Network) -> Network:
-    """Number nodes, then edges, from 1: no number stands for both, as Nav2's Route Server wants it."""
-    names = {old: new for new, old in enumerate(network.nodes, 1)}
-    nodes = {names[node]: pose for node, pose in network.nodes.items()}
-    edges = {
-        number: replace(edge, id=number, start=names[edge.start], end=names[edge.end])
-        for number, edge in enumerate(network.edges.values(), len(names) + 1)
+    No number stands for a node and for an edge, as Nav2's Route Server wants it.
+    """
+    for node in range(1, len(poses)):
+        _dissolve(edges, node)
+    used = sorted({node for edge in edges for node in (edge.start, edge.end)})
+    names = {node: name for name, node in enumerate(used, 1)}
+    numbered = {
+        name: replace(edge, id=name, start=names[edge.start], end=names[edge.end])
+        for name, edge in enumerate(edges, len(names) + 1)
     }
-    return replace(network, nodes=nodes, edges=edges, places={k: names[v] for k, v in network.places.items()})
+    return Network({name: poses[node] for node, name in names.items()}, numbered, {"home": names[0]}, map_id)
+
+
+def _dissolve(edges: list[RouteEdge], node: int) -> None:
+    """Join edges at a node where there is only one way on, driven alike."""
+    before, after = [edge for edge in edges if edge.end == node], [edge for edge in edges if edge.start == node]
+    if len(before) != 1 or len(after) != 1 or before == after:
+        return
+    a, b = before[0], after[0]
+    if (a.is_forward, a.is_reverse) == (b.is_forward, b.is_reverse):
+        x, y, yaw, speed = np.concatenate([a.curve.columns, b.curve.columns[:, 1:]], axis=1)
+        edges[edges.index(a)] = replace(a, end=b.end, curve=EdgeCurve(x, y, np.unwrap(yaw), speed))
+        edges.remove(b)

@@ -9,9 +9,7 @@ away from the path it grows no more than that curvature makes it: there the whee
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
@@ -21,83 +19,41 @@ from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
-from path_follower.routes.planning import Leg
+from path_follower.routes.planning import Route
 from path_follower.vehicle import Motion, clip, drive
 from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
-@dataclass(frozen=True, eq=False)
-class Course:
-    """Points (N,) in order of driving. They begin `lead` m behind a vehicle that joins.
+def make_course(network: Network, route: Route, pose: Pose2 | None, vehicle: TurningParams) -> tuple[Route, Array]:
+    """Return a route from a pose beside its beginning if given, and the path: points (N, 4) in order of driving.
 
-    By joining the first leg is longer than on the network by `change` m. All takes `seconds`; of the legs each round
-    at the end has `round_legs`.
+    Their columns are x, y, yaw of the vehicle, not of the way, and speed. ValueError where it cannot join.
     """
-
-    x: Array
-    y: Array
-    yaw: Array  # of the vehicle, not of the way
-    speed: Array
-    legs: tuple[Leg, ...]
-    change: float = 0.0
-    lead: float = 0.0
-    seconds: float = 0.0
-    round_legs: int = 0
-
-    @cached_property
-    def ends(self) -> Array:
-        """Where legs end (K,), m from the vehicle."""
-        return self.change + np.cumsum([leg.length for leg in self.legs])
-
-    @property
-    def length(self) -> float:
-        """Way in m."""
-        return float(self.ends[-1]) if self.legs else 0.0
-
-    def leg_at(self, way: float) -> int:
-        """Return which leg a vehicle is on that has driven this far."""
-        return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
-
-
-NONE: Array = np.array(())
-NO_COURSE = Course(NONE, NONE, NONE, NONE, ())
-
-
-def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:
-    """Return the path of legs, from a pose beside their beginning if given; ValueError where it cannot join."""
-    points: list[Array] = []
-    for number, leg in enumerate(legs):
-        part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
-        columns = part.columns.T[:: leg.direction]
-        points.append(columns[1:] if number else columns)
-    table, change, lead = np.concatenate(points), 0.0, 0.0
+    parts = [
+        network.edges[leg.edge].curve.part(*sorted((leg.first, leg.last))).columns.T[:: leg.direction]
+        for leg in route.legs
+    ]
+    points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
     if pose is not None:
-        table, change, lead = _joined(table, legs[0].direction, _first_run(legs), pose, vehicle)
-    if len(table) > MAX_POINTS:
-        raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(table)}: fewer laps")
-    x, y, yaw, speed = table.T
-    return Course(x, y, yaw, speed, tuple(legs), change, lead)
+        route, points = _joined(route, points, pose, vehicle)
+    if len(points) > MAX_POINTS:
+        raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(points)}: fewer laps")
+    return route, points
 
 
-def _first_run(legs: Sequence[Leg]) -> float:
-    """Return how far it is to the first change of direction, or to the end."""
-    return sum(leg.length for leg in takewhile(lambda leg: leg.direction == legs[0].direction, legs))
-
-
-def _joined(
-    table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
-) -> tuple[Array, float, float]:
-    """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
-    base, (x, y, yaw, driven) = arc_lengths(table[:, :2]), table.T
+def _joined(route: Route, points: Array, pose: Pose2, vehicle: TurningParams) -> tuple[Route, Array]:
+    """Return them with the beginning replaced by the way onto the path, before the first change of direction."""
+    base, (x, y, yaw, driven) = arc_lengths(points[:, :2]), points.T
+    direction = route.legs[0].direction
+    run = sum(leg.length for leg in takewhile(lambda leg: leg.direction == direction, route.legs))
     curve = EdgeCurve(x, y, np.unwrap(yaw), driven)
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
-    rest = table[base > s + SPACING / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, driven)
-    joined = np.concatenate([np.column_stack([poses, speed]), rest])
-    change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
+    joined = np.concatenate([np.column_stack([poses, speed]), points[base > s + SPACING / 2]])
     behind = _behind(poses, direction)
     lead = np.column_stack([behind, np.full(len(behind), speed[0])])
-    return np.concatenate([lead, joined]), change, SPACING * len(behind)
+    change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
+    return replace(route, change=change, lead=SPACING * len(behind)), np.concatenate([lead, joined])
 
 
 def _behind(poses: Array, direction: int) -> Array:

@@ -10,7 +10,7 @@ from path_follower.params import FollowerParams
 from path_follower.path_files import read_given
 from path_follower.routes.building import TaughtDrive
 from path_follower.routes.network import EdgeCurve
-from path_follower.taught import make_path, speeds_along
+from path_follower.taught import Given, make_path, speeds_along
 from sphere_nav.geometry.files.untrusted import told_at
 
 
@@ -21,7 +21,7 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
     """
     given = read_given(file)
     with told_at(file):
-        path = make_path(given.points, given.yaw, given.speed, params)
+        path = make_path(Given(*given[:3]), params)
     taught = np.full(len(given.points), np.nan) if given.speed is None else given.speed
     speed = speeds_along(given.points, taught, path.arc_length)
     columns, drives = np.stack([path.x, path.y, path.yaw, speed]), []

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from path_follower.path_files import UNBOUNDED
-from path_follower.routes.course import Course
 from path_follower.routes.mission import Mission, MissionRecord
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, read_as, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
 from sphere_nav.params.homes import user_folder
 
-FORMAT, VERSION = "sphere_nav mission", 3
+FORMAT, VERSION = "sphere_nav mission", 4
 MAX_LAPS = 65_535
 
 
@@ -43,16 +43,15 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
     record: MissionRecord = read_as(MissionRecord, found, str(path))
     if record.map_id != mission.network.map_id:
         raise ValueError(f"{path}: map_id: expected that of the network, found {short(record.map_id)}")
-    for laps in (record.laps_left, record.goal.laps if record.goal else 0):
+    for laps in (record.laps_remaining, record.goal.laps if record.goal else 0):
         if not 0 <= laps <= MAX_LAPS:
             raise ValueError(f"{path}: laps: expected 0 to {MAX_LAPS}, found {laps}")
     mission.restore(record, now)
 
 
-def write_course(path: Path, course: Course, map_id: str, fastest: float = UNBOUNDED) -> None:
-    """Write a course for `load_trajectory`; where its speed is not known it is `fastest`, or the follower's limits."""
-    speed = np.where(np.isfinite(course.speed), course.speed, fastest)
+def write_course(path: Path, points: Array, map_id: str, fastest: float = UNBOUNDED) -> None:
+    """Write points of `make_course` for the follower; where a speed is not known it is `fastest`, or its limits."""
     head = f"{MAP_ID} {map_id}\n" if map_id else ""
-    rows = np.stack([course.x, course.y, course.yaw, speed], axis=-1).tolist()
+    rows = np.where(np.isfinite(points), points, fastest).tolist()
     lines = "\n".join(",".join(f"{value:.5f}" for value in row) for row in rows)
     write_whole(path, f"{head}x,y,yaw,speed\n{lines}\n")

@@ -91,6 +91,10 @@ class RouteEdge:
         speed = np.clip(np.where(np.isfinite(self.curve.speed), self.curve.speed, cruise), 0.3, cruise)
         return float(np.sum(2.0 * np.diff(self.curve.arc) / (speed[1:] + speed[:-1])))
 
+    def pace(self, cruise: float) -> float:
+        """Return how many seconds a metre takes."""
+        return self.seconds(cruise) / max(self.length, 1e-9)
+
 
 @dataclass(frozen=True)
 class Spot:
@@ -125,7 +129,12 @@ class Network:
         ends = [Spot(edge.id, edge.length) for edge in self.arrivals(node)]
         return ends + [Spot(edge.id, 0.0) for edge in self.departures(node)]
 
-    def name_of(self, node: int) -> str:
+    def node_at(self, edge: int, s: float) -> int | None:
+        """Return the node that an edge has at one of its ends, `s` m from its start; None elsewhere."""
+        found = self.edges[edge]
+        return {0.0: found.start, found.length: found.end}.get(s)
+
+    def name_of(self, node: int | None) -> str:
         """Return the name of a place, or an empty text."""
         return next((name for name, number in self.places.items() if number == node), "")
 

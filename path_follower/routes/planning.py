@@ -7,12 +7,17 @@ on the edge that it began on.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import count
+
+import numpy as np
 
 from path_follower.routes.constants import AT_PLACE, CUSP_COST, REVERSE_COST
 from path_follower.routes.network import Network, RouteEdge, Spot
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -37,15 +42,31 @@ class Leg:
 
 @dataclass(frozen=True)
 class Route:
-    """Legs in order of driving, and how long they take at the cruise speed asked for."""
+    """Legs in order of driving, and s that they take at the cruise speed; each round at the end has `round_legs`.
+
+    Where a vehicle joins from beside it, the first leg is longer than on the network by `change` m, and the path begins
+    `lead` m behind the vehicle.
+    """
 
     legs: tuple[Leg, ...]
-    seconds: float
+    seconds: float = 0.0
+    round_legs: int = 0
+    change: float = 0.0
+    lead: float = 0.0
+
+    @cached_property
+    def ends(self) -> Array:
+        """Where legs end (K,), m from the vehicle."""
+        return self.change + np.cumsum([leg.length for leg in self.legs])
 
     @property
     def length(self) -> float:
         """Way in m."""
-        return sum(leg.length for leg in self.legs)
+        return float(self.ends[-1]) if self.legs else 0.0
+
+    def leg_at(self, way: float) -> int:
+        """Return which leg a vehicle is on that has driven this far."""
+        return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
 
 
 def plan(
@@ -65,69 +86,66 @@ def plan(
     queue: list[tuple[float, int, bool, tuple[Leg, ...]]] = []  # cost, number, whether a goal is reached, legs
     numbers = count()
 
-    def add(cost: float, leg: Leg, before: tuple[Leg, ...] = ()) -> None:
-        """Add a leg, and its part up to each goal on it; one just behind the start is reached, but not by a round."""
-        edge = network.edges[leg.edge]
-        pace = _pace(edge, cruise) * (1.0 if leg.direction > 0 else REVERSE_COST)
-        least = 0.0 if before else AT_PLACE if is_round else -AT_PLACE
-        heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, (*before, leg)))
-        for s in (goal.s for goal in goals if goal.edge == edge.id):
-            ahead = leg.direction * (s - leg.first)
-            if least <= ahead <= leg.length + 1e-9:
-                part = replace(leg, last=s if ahead > 0.0 else leg.first)
-                heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, (*before, part)))
+    def add(cost: float, *legs: Leg) -> None:
+        """Add legs, and them up to each goal on the last one; one just behind the start is reached, but by no round."""
+        *before, leg = legs
+        pace = network.edges[leg.edge].pace(cruise) * (1.0 if leg.direction > 0 else REVERSE_COST)
+        heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, legs))
+        for part in _reaching(leg, goals, 0.0 if before else AT_PLACE if is_round else -AT_PLACE):
+            heapq.heappush(queue, (cost + pace * part.length, next(numbers), True, (*before, part)))
 
     for leg in _first(network, starts, closed):
         add(0.0, leg)
+    ways = _open_ways(network, closed)
     done: set[tuple[int, int, bool]] = set()
     while queue:
         cost, _, is_end, legs = heapq.heappop(queue)
         if is_end:
-            return Route(legs, sum(_pace(network.edges[leg.edge], cruise) * leg.length for leg in legs))
+            return Route(legs, sum(network.edges[leg.edge].pace(cruise) * leg.length for leg in legs))
         leg = legs[-1]
         key = leg.edge, leg.direction, len(legs) == 1  # a part of an edge stands for no whole one
         if key in done:
             continue
         done.add(key)
-        for following in _next(network, leg, closed):
-            add(cost + CUSP_COST * (following.direction != leg.direction), following, legs)
+        for following in ways[network.edges[leg.edge].ends(leg.direction)[1]]:
+            add(cost + CUSP_COST * (following.direction != leg.direction), *legs, following)
     named = f" while {', '.join(map(str, sorted(closed)))} are closed" if closed else ""
     raise ValueError(f"no way: no edges lead there from here{named}")
-
-
-def _pace(edge: RouteEdge, cruise: float) -> float:
-    """Return how many seconds a metre of an edge takes."""
-    return edge.seconds(cruise) / max(edge.length, 1e-9)
 
 
 def _first(network: Network, starts: Sequence[Spot], closed: Collection[int]) -> list[Leg]:
     """Return the legs on which it may begin; ValueError where there is none."""
     if not starts:
         raise ValueError("no way: expected a start on the network, found none")
-    found = [
-        replace(leg, first=spot.s)
-        for spot in starts
-        for leg in _whole(network.edges[spot.edge])
-        if spot.edge not in closed or leg.direction < 0
-    ]
+    whole = [replace(leg, first=spot.s) for spot in starts for leg in _whole(network.edges[spot.edge])]
+    found = [leg for leg in whole if leg.edge not in closed or leg.direction < 0]
     if not found:
         on = ", ".join(str(spot.edge) for spot in starts)
         raise ValueError(f"no way: it stands on edge {on}, which is closed and may not be left backwards")
     return found
 
 
+def _reaching(leg: Leg, goals: Sequence[Spot], least: float) -> list[Leg]:
+    """Return the leg up to each goal that is at least so many m ahead on it."""
+    ahead = [(leg.direction * (goal.s - leg.first), goal.s) for goal in goals if goal.edge == leg.edge]
+    within = [(way, s) for way, s in ahead if least <= way <= leg.length + 1e-9]
+    return [replace(leg, last=s if way > 0.0 else leg.first) for way, s in within]
+
+
+def _open_ways(network: Network, closed: Collection[int]) -> Mapping[int, list[Leg]]:
+    """Return the edges that may be driven, as whole legs by the node where they begin."""
+    found = defaultdict[int, list[Leg]](list)
+    for edge in network.edges.values():
+        for leg in _whole(edge) if edge.id not in closed else ():
+            found[edge.ends(leg.direction)[0]].append(leg)
+    return found
+
+
 def _whole(edge: RouteEdge) -> list[Leg]:
     """Return the edge as it may be driven."""
-    forward, reverse = Leg(edge.id, 1, 0.0, edge.length), Leg(edge.id, -1, edge.length, 0.0)
-    return [leg for leg, may in ((forward, edge.is_forward), (reverse, edge.is_reverse)) if may]
-
-
-def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[Leg]:
-    """Yield the whole directed edges that follow."""
-    _, node = network.edges[leg.edge].ends(leg.direction)
-    for other in network.edges.values():
-        if other.id not in closed:
-            yield from (one for one in _whole(other) if other.ends(one.direction)[0] == node)
+    return [Leg(edge.id, 1, 0.0, edge.length)] * edge.is_forward + [
+        Leg(edge.id, -1, edge.length, 0.0)
+    ] * edge.is_reverse
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:
@@ -135,10 +153,8 @@ def with_laps(network: Network, route: Route, laps: int, *, cruise: float, close
     if not laps:
         return route
     last = route.legs[-1]
-    edge = network.edges[last.edge]
-    is_node = last.last in (0.0, edge.length)
-    node = edge.end if last.last > 0.0 else edge.start
-    goals = network.spots_of(node) if is_node else [Spot(last.edge, last.last)]
-    starts = [spot for spot in goals if not is_node or spot.s == 0.0 or last.direction < 0]
+    node = network.node_at(last.edge, last.last)
+    goals = [Spot(last.edge, last.last)] if node is None else network.spots_of(node)
+    starts = [spot for spot in goals if node is None or spot.s == 0.0 or last.direction < 0]
     once = plan(network, starts, goals, cruise=cruise, closed=closed, is_round=True)
-    return Route(route.legs + laps * once.legs, route.seconds + laps * once.seconds)
+    return Route(route.legs + laps * once.legs, route.seconds + laps * once.seconds, len(once.legs))

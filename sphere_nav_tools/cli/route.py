@@ -12,6 +12,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.offline import routes
 from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, floats
 
 HELP = """\
@@ -93,8 +94,6 @@ def run(arguments: argparse.Namespace) -> int | None:
 
 def make_network(arguments: argparse.Namespace) -> None:
     """Make, show, and keep a network."""
-    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
-
     output = network_path(arguments.map)
     if output.suffix != ".geojson":
         raise ValueError(f"{arguments.map}: expected a map, or a .geojson file to write, found neither")
@@ -102,8 +101,7 @@ def make_network(arguments: argparse.Namespace) -> None:
         check_free(arguments, output, loss=", its places with it")
     reverse = arguments.drives if arguments.reversible else ()
     network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), reverse)
-    print("\n".join(routes.describe(network)))
-    _plot(arguments, network)
+    _tell(arguments, network, routes.describe(network))
     if arguments.dry_run:
         print(f"{output}: not written (--dry-run)")
     else:
@@ -113,12 +111,8 @@ def make_network(arguments: argparse.Namespace) -> None:
 
 def name_place(arguments: argparse.Namespace) -> None:
     """Name a place."""
-    from sphere_nav_tools.offline import routes
-
-    values = arguments.at
-    path = network_path(arguments.network)
-    yaw = float(np.radians(values[2])) if len(values) == 3 else None
-    named = routes.name_place(path, read_network(path), arguments.name, values[0], values[1], yaw)
+    path, (x, y, *turned) = network_path(arguments.network), arguments.at
+    named = routes.name_place(path, read_network(path), arguments.name, x, y, *np.radians(turned))
     node = named.places[arguments.name]
     x, y, yaw = named.nodes[node]
     print(f"{path}: {arguments.name} is node {node} at {x:.2f}, {y:.2f}, heading {np.degrees(yaw):.0f} deg")
@@ -126,18 +120,13 @@ def name_place(arguments: argparse.Namespace) -> None:
 
 def show(arguments: argparse.Namespace) -> None:
     """Tell what is in a network."""
-    from sphere_nav_tools.offline import routes
-
-    network = read_network(network_path(arguments.network))
-    print("\n".join(routes.describe(network)))
-    _plot(arguments, network)
+    network = _read(arguments)
+    _tell(arguments, network, routes.describe(network))
 
 
 def plan_way(arguments: argparse.Namespace) -> int:
     """Tell a way; 1 where there is none."""
-    from sphere_nav_tools.offline import routes
-
-    network = read_network(network_path(arguments.network))
+    network = _read(arguments)
     try:
         route = _way(network, arguments)
     except ValueError as error:
@@ -145,24 +134,25 @@ def plan_way(arguments: argparse.Namespace) -> int:
             raise
         print(error)
         return 1
-    print("\n".join(routes.describe_route(network, route)))
-    _plot(arguments, network, route)
+    _tell(arguments, network, routes.describe_route(network, route), route)
     return 0
 
 
 def export(arguments: argparse.Namespace) -> None:
     """Write a network, or a way on it."""
-    network, output = read_network(network_path(arguments.network)), arguments.output
+    network, output = _read(arguments), arguments.output
     if output.suffix == ".geojson":
         output.write_text(to_geojson(network, is_dense=False), encoding="utf-8")
         print(f"{output}: {len(network.nodes)} nodes, {len(network.edges)} edges")
-        return
-    if output.suffix != ".csv" or not (arguments.start and arguments.goal):
+    elif output.suffix == ".csv" and arguments.start and arguments.goal:
+        route = _way(network, arguments)
+        print(f"{output}: {routes.write_way(output, network, route)} points, {route.length:.1f} m")
+    else:
         raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
-    from sphere_nav_tools.offline import routes
 
-    course = routes.write_way(output, network, _way(network, arguments))
-    print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
+
+def _read(arguments: argparse.Namespace) -> Network:
+    return read_network(network_path(arguments.network))
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
@@ -173,9 +163,8 @@ def _way(network: Network, arguments: argparse.Namespace) -> Route:
     return plan(network, starts, goals, cruise=arguments.cruise, closed=closed)
 
 
-def _plot(arguments: argparse.Namespace, network: Network, route: Route | None = None) -> None:
+def _tell(arguments: argparse.Namespace, network: Network, lines: list[str], route: Route | None = None) -> None:
+    print("\n".join(lines))
     if arguments.plot is not None:
-        from sphere_nav_tools.offline import routes
-
         routes.draw_network(arguments.plot, network, route)
         print(f"{arguments.plot}: drawn")

@@ -10,7 +10,7 @@ import numpy as np
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.course import Course, make_course
+from path_follower.routes.course import make_course
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network, RouteEdge, Spot
@@ -18,7 +18,6 @@ from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
-from sphere_nav_tools.offline.plot_figure import drawn, in_meters
 from sphere_nav_tools.offline.tables import columns
 
 EDGE, WAY = "#1f77b4", "#d62728"
@@ -44,40 +43,38 @@ def read_network_of(files: Sequence[Path], map_id: str, reverse: Collection[Path
     return build_network(drives, map_id)
 
 
-def find_spot(network: Network, x: float, y: float, yaw: float | None) -> Spot:
+def find_spot(network: Network, x: float, y: float, *yaw: float) -> Spot:
     """Return the spot of a network that is closest to a position, and heads as asked for; ValueError where none is."""
-    turns = [yaw] if yaw is not None else [edge.curve.yaw for edge in network.edges.values()]
+    turns = np.concatenate([yaw] if yaw else [edge.curve.yaw for edge in network.edges.values()])
     found: list[Spot] = []
-    for turn in np.unique(np.round(np.concatenate([np.atleast_1d(t) for t in turns]) / 0.3) * 0.3):
+    for turn in np.unique(np.round(turns / 0.3) * 0.3):
         found += network.locate(Pose2(x, y, float(turn)), NETWORK_REACH, 0.35)
     if not found:
         raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
     return min(found, key=lambda spot: abs(spot.left))
 
 
-def name_place(file: Path, network: Network, name: str, x: float, y: float, yaw: float | None) -> Network:
-    """Name the spot of a network that is closest to a position, and keep that in a file; return the network."""
-    named = network.with_place(name, find_spot(network, x, y, yaw))
+def name_place(file: Path, network: Network, name: str, *at: float) -> Network:
+    """Name the spot of a network that is closest to x, y[, yaw], and keep that in a file; return the network."""
+    named = network.with_place(name, find_spot(network, *at))
     write_network(file, named)
     return named
 
 
-def write_way(file: Path, network: Network, route: Route) -> Course:
-    """Write a way on a network as a path, and return it."""
+def write_way(file: Path, network: Network, route: Route) -> int:
+    """Write a way on a network as a path, and return the number of its points."""
     vehicle = VehicleParams()
-    course = make_course(network, route.legs, None, vehicle)
-    write_course(file, course, network.map_id, vehicle.max_speed)
-    return course
+    _, points = make_course(network, route, None, vehicle)
+    write_course(file, points, network.map_id, vehicle.max_speed)
+    return len(points)
 
 
 def describe(network: Network) -> list[str]:
     """Return the network in lines: what is in it, its edges, its places, what a car should be warned of."""
     total = sum(edge.length for edge in network.edges.values())
-    lines = [
-        f"{len(network.nodes)} nodes, {len(network.edges)} edges, {total:.1f} m, map {network.map_id or 'unknown'}"
-    ]
-    head = ("edge", "from", "to", "length", "speed", "driven")
-    lines += columns([head, *map(_edge_row, network.edges.values())])
+    num = f"{len(network.nodes)} nodes, {len(network.edges)} edges"
+    lines = [f"{num}, {total:.1f} m, map {network.map_id or 'unknown'}"]
+    lines += columns([("edge", "from", "to", "length", "speed", "driven"), *map(_edge_row, network.edges.values())])
     lines += [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
     sharpest = VehicleParams().max_curvature
     for edge in network.edges.values():
@@ -110,6 +107,8 @@ def describe_route(network: Network, route: Route) -> list[str]:
 
 def draw_network(path: Path, network: Network, route: Route | None = None) -> None:
     """Draw edges with their numbers and arrows for the ways they are driven, branches, places, and a way."""
+    from sphere_nav_tools.offline.plot_figure import drawn, in_meters  # matplotlib takes half a second to import
+
     with drawn(path, (10, 8)) as figure:
         axes = figure.add_subplot()
         for edge in network.edges.values():

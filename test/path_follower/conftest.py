@@ -12,6 +12,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.reasons import GENTLE
+from path_follower.taught import Given
 from path_follower.taught import make_path as path_of
 
 SECOND = 1_000_000_000
@@ -140,7 +141,8 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
 
 
 def make_path(points, params, yaw=None, speed=None, is_closed=False):
-    return path_of(points, yaw, speed, params, is_closed=is_closed)
+    xy, *columns = (None if values is None else np.asarray(values, dtype=float) for values in (points, yaw, speed))
+    return path_of(Given(xy, *columns, is_closed), params)
 
 
 def course(*pieces, step=0.05, start=(0.0, 0.0, 0.0)):

@@ -8,6 +8,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network
 from path_follower.routes.planning import plan
 from sphere_nav_tools.cli.operate.words import Place
+from sphere_nav_tools.offline import routes
 
 COURSE = "course.csv"
 CRUISE = 1.4  # m/s, by which ways are compared
@@ -19,23 +20,17 @@ def network_of(made: Path, taught: Path | None) -> Network:
         return read_network(network_path(made))
     if taught is None:
         raise ValueError("places: expected a map with a taught path, found none: sphere_nav route build makes one")
-    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
-
     return routes.read_network_of([taught], routes.map_id_of(made))
 
 
 def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -> list[Place]:
     """Name the place of the network that is closest to a point, keep it in the map, and return all places."""
-    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
-
-    named = routes.name_place(network_path(made), network_of(made, taught), name, x, y, None)
+    named = routes.name_place(network_path(made), network_of(made, taught), name, x, y)
     return [Place(name, *named.nodes[node][:2]) for name, node in named.places.items()]
 
 
 def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float, float], folder: Path) -> Path:
     """Write the way from a pose to the closest point of the network, and return the file; ValueError for no way."""
-    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
-
-    begin, end = routes.find_spot(network, *pose), routes.find_spot(network, *goal, None)
+    begin, end = routes.find_spot(network, *pose), routes.find_spot(network, *goal)
     routes.write_way(folder / COURSE, network, plan(network, [begin], [end], cruise=CRUISE))
     return folder / COURSE

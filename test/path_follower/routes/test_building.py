@@ -128,6 +128,9 @@ def test_an_edge_that_was_driven_backwards_is_reversible(drive):
     assert [edge.length for edge in both] == [pytest.approx(20.0, abs=0.5)]
     assert len(network.edges) == 3
     assert all(edge.is_forward for edge in network.edges.values())
+    bend = ((20, 0), TURN, (20, 0))  # on whose inner side the points do not meet those of the road one by one
+    (edge,) = build_network([drive(*bend), drive(*bend, left=0.5, direction=-1)]).edges.values()
+    assert edge.is_reverse
 
 
 def test_an_edge_counts_by_its_fastest_drive(drive):

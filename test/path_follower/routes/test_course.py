@@ -13,8 +13,7 @@ from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
-from path_follower.routes.planning import Leg, plan
-from path_follower.taught import make_path as path_of
+from path_follower.routes.planning import Leg, Route, plan
 
 JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
 LEAD, MAX_GROWTH = 1.0, 1.05
@@ -34,15 +33,21 @@ def bends_of(poses, direction=1):
     return direction * turns
 
 
-def test_a_joint_bends_no_more_than_what_was_driven(drive):
+def course_of(network, route, pose=None):
+    """Return the route that is driven, and the columns of its path."""
+    route, points = make_course(network, route, pose, VEHICLE)
+    return route, points.T
+
+
+def test_a_joint_bends_no_more_than_what_was_driven(drive, kit):
     """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
     turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)
     network = build_network([drive((60, 0)), turn])
     goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].y > 5)
     route = plan(network, [Spot(next(iter(network.edges)), 1.0)], network.spots_of(goal), cruise=1.4)
-    course = make_course(network, route.legs, None, VEHICLE)
-    path = path_of(np.stack([course.x, course.y], axis=-1), course.yaw, course.speed, PARAMS)
-    joint = np.abs(path.arc_length - course.ends[0]) < 3.0
+    _, (x, y, yaw, speed) = course_of(network, route)
+    path = kit.make_path(np.stack([x, y], axis=-1), PARAMS, yaw, speed)
+    joint = np.abs(path.arc_length - route.ends[0]) < 3.0
     assert np.abs(np.diff(path.curvature[joint])).max() < 0.05
     assert path.max_curvature < 0.2
     assert path.speed[joint].min() == pytest.approx(1.4, abs=0.05)
@@ -85,16 +90,16 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
     (edge,) = network.edges.values()
     first, last = (5.0, 25.0)[::direction]
     pose = beside(edge.curve, first, 0.5, direction * 0.25)
-    course = make_course(network, [Leg(edge.id, direction, first, last)], pose, VEHICLE)
+    route, columns = course_of(network, Route((Leg(edge.id, direction, first, last),), 0.0), pose)
     count = round(LEAD / STEP)
-    assert course.lead == pytest.approx(LEAD)
-    assert (course.x[count], course.y[count], course.yaw[count]) == pytest.approx(pose)
-    points = np.stack([course.x, course.y, course.yaw], axis=-1)
+    assert route.lead == pytest.approx(LEAD)
+    points = columns[:3].T
+    assert points[count] == pytest.approx(pose)
     bends = bends_of(points[: count + 2], direction)
     np.testing.assert_allclose(bends, bends[-1], rtol=1e-6)
     assert bends[-1] < -0.35  # 1/m: as far as the wheel may, to the path
     steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
-    assert course.length == pytest.approx(steps.sum() - LEAD, abs=0.01)
+    assert route.length == pytest.approx(steps.sum() - LEAD, abs=0.01)
 
 
 def test_full_lock_is_taken_only_where_the_offset_would_grow(drive):
@@ -116,9 +121,9 @@ def test_a_car_drives_onto_the_path(drive, kit):
     (edge,) = network.edges.values()
     for s, left, turned in ((3.0, REACH, TURNED), (18.0, -0.8, TURNED), (26.0, -0.5, -TURNED)):
         pose = beside(edge.curve, s, left, turned)
-        legs = plan(network, network.locate(pose, 1.05, 0.4), [Spot(edge.id, s + 14.0)], cruise=1.4).legs
-        course = make_course(network, legs, pose, VEHICLE)
-        follower = Follower(PARAMS, path_of(np.stack([course.x, course.y], axis=-1), course.yaw, course.speed, PARAMS))
+        route = plan(network, network.locate(pose, 1.05, 0.4), [Spot(edge.id, s + 14.0)], cruise=1.4)
+        _, (x, y, yaw, speed) = course_of(network, route, pose)
+        follower = Follower(PARAMS, kit.make_path(np.stack([x, y], axis=-1), PARAMS, yaw, speed))
         driven = kit.run(follower, pose, kit.World(position_noise=0.01, yaw_noise=0.002, period=0.1), seconds=40.0)
         assert driven.final.state is FollowerState.FINISHED, driven.final.verdict
         kit.assert_within_limits(driven, PARAMS)
@@ -135,22 +140,22 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
     edges = {i: RouteEdge(i, i, i + 1, EdgeCurve(x + 20 * i, 0 * x, 0 * x, 0.5 + 0.02 * (x + 20 * i)), is_reverse=True)
              for i in (0, 1)}  # fmt: skip
     network = Network({i: Pose2(20.0 * i, 0, 0) for i in range(3)}, edges)
-    legs = [Leg(0, 1, 5.0, 20.0), Leg(1, 1, 0.0, 15.0)]
+    legs = (Leg(0, 1, 5.0, 20.0), Leg(1, 1, 0.0, 15.0))
     if direction < 0:
-        legs = [Leg(1, -1, 15.0, 0.0), Leg(0, -1, 20.0, 5.0)]
+        legs = (Leg(1, -1, 15.0, 0.0), Leg(0, -1, 20.0, 5.0))
     start = 5.0 if direction > 0 else 35.0
-    course = make_course(network, legs, Pose2(start, 0.6, 0.1), VEHICLE)
-    own = slice(round(course.lead / STEP), None)  # behind the lead, whose speed is that of the vehicle's place
-    np.testing.assert_allclose(course.speed[own], 0.5 + 0.02 * course.x[own], atol=0.005)
-    assert (course.speed[: own.start] == course.speed[own.start]).all()
-    assert (course.x[own][0], course.y[own][0], course.yaw[own][0]) == pytest.approx((start, 0.6, 0.1))
-    assert (np.diff(course.x) * direction > 0).all()
-    assert (course.y[-1], course.yaw[-1]) == (0.0, 0.0)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(course.x), np.diff(course.y)))])[own] - course.lead
-    assert way[-1] == pytest.approx(course.length, abs=1e-3)  # chords of the lead's circle
-    assert np.interp(course.ends[0], way, course.x[own]) == pytest.approx(20.0, abs=1e-3)
+    route, (x, y, yaw, speed) = course_of(network, Route(legs, 0.0), Pose2(start, 0.6, 0.1))
+    own = slice(round(route.lead / STEP), None)  # behind the lead, whose speed is that of the vehicle's place
+    np.testing.assert_allclose(speed[own], 0.5 + 0.02 * x[own], atol=0.005)
+    assert (speed[: own.start] == speed[own.start]).all()
+    assert (x[own][0], y[own][0], yaw[own][0]) == pytest.approx((start, 0.6, 0.1))
+    assert (np.diff(x) * direction > 0).all()
+    assert (y[-1], yaw[-1]) == (0.0, 0.0)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])[own] - route.lead
+    assert way[-1] == pytest.approx(route.length, abs=1e-3)  # chords of the lead's circle
+    assert np.interp(route.ends[0], way, x[own]) == pytest.approx(20.0, abs=1e-3)
     turning = [legs[0], replace(legs[0], direction=-direction, first=legs[0].last, last=legs[0].first)]
-    short = [replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]]
+    short = Route((replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]), 0.0)
     with pytest.raises(ValueError, match=r"beside it after 1\.2 m"):  # it has to be on the path before it turns back
         make_course(network, short, Pose2(start, 0.6, 0.1), VEHICLE)
 
@@ -159,8 +164,8 @@ def test_a_path_that_cannot_be_joined_or_is_too_long_is_refused(drive):
     network = build_network([drive((60, 0))])
     (edge,) = network.edges.values()
     with pytest.raises(ValueError, match=r"expected a vehicle that can drive onto the path, found 0\.\d+ m"):
-        make_course(network, [Leg(edge.id, 1, 5.0, 6.0)], beside(edge.curve, 5.0, 1.0, 0.0), VEHICLE)
-    on = make_course(network, [Leg(edge.id, 1, 5.0, 6.0)], edge.curve.pose(5.0), VEHICLE)
+        make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),), 0.0), beside(edge.curve, 5.0, 1.0, 0.0), VEHICLE)
+    on, _ = make_course(network, Route((Leg(edge.id, 1, 5.0, 6.0),), 0.0), edge.curve.pose(5.0), VEHICLE)
     assert on.length == pytest.approx(1.0)
     with pytest.raises(ValueError, match=r"expected at most 1000000 points, found 10\d+: fewer laps"):
-        make_course(network, 1700 * [Leg(edge.id, 1, 0.0, 60.0)], None, VEHICLE)
+        make_course(network, Route(1700 * (Leg(edge.id, 1, 0.0, 60.0),), 0.0), None, VEHICLE)

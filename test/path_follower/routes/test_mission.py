@@ -8,7 +8,7 @@ from path_follower.params import VehicleParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 from path_follower.routes.constants import MAX_SILENCE
-from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
+from path_follower.routes.mission import TABLE, FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
 from sphere_nav.localization.status import Verdict
@@ -67,8 +67,8 @@ class Trip:
             return self.refusal or self.mode.take(EVENTS[request.name], OPERATOR)
 
         refusal = Arming.under(self, request.permission, do, is_stop=request.name in ("pause", "stop"))
-        if request.course is not None and not refusal:
-            self.length, self.progress, self.lead = request.course.length, 0.0, request.course.lead
+        if request.name == "load" and not refusal:
+            self.length, self.progress, self.lead = request.route.length, 0.0, request.route.lead
         if request.name == "clear" and not refusal:
             self.length = self.progress = self.lead = 0.0
         self.mission.answer(request, refusal, self.mode.permission, self.now)
@@ -96,6 +96,16 @@ def trip(fork):
     return Trip(fork.with_place("end", Spot(max(fork.edges), 40.0)))
 
 
+def test_only_what_somebody_asks_for_leads_out_of_a_hold_and_nothing_but_a_goal_out_of_idle():
+    asked = {"begin", "cancel", "resume", "resume of a pause", "follower started"}
+    for event in TABLE.keys() - asked:
+        assert {TABLE[event].get(held, held) for held in ("PAUSED", "HELD")} <= {"PAUSED", "HELD"}
+        assert "IDLE" not in TABLE[event]
+    ended = TABLE["permission ended"]
+    assert set(ended.values()) == {"HELD"}
+    assert ended.keys() == set(MissionState) - {"IDLE", "PAUSED", "HELD", "STAYING"}  # all that ask for motion
+
+
 def test_a_mission_loads_starts_and_arrives(trip):
     trip.drive_off()
     assert trip.asked == ["load", "start"]
@@ -110,15 +120,6 @@ def test_a_mission_loads_starts_and_arrives(trip):
     outcome = trip.mission.outcome
     assert (outcome.success, outcome.reason, outcome.distance) == (True, "", pytest.approx(trip.length, abs=0.1))
     assert trip.mission.state is MissionState.IDLE
-
-
-def test_a_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
-    trip.drive_off()
-    assert trip.lead == pytest.approx(1.0)
-    trip.progress = 0.4
-    trip.live()
-    assert trip.mission.progress == pytest.approx(0.4)
-    assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
 
 
 def test_a_mission_waits_for_a_pose_and_for_a_localiser_that_searches(trip):
@@ -168,12 +169,12 @@ def test_a_mission_stopped_by_a_fault_waits_for_resume(trip, reason):
 def test_an_obstacle_closes_the_edge_on_which_it_stands(trip, beyond, leg):
     """0.7 m before the front of a body that ends 1.55 m before the axle whose progress counts."""
     trip.drive_off()
-    usual, end = [part.edge for part in trip.mission.course.legs], trip.mission.course.ends[0]
+    usual, end = [part.edge for part in trip.mission.route.legs], trip.mission.route.ends[0]
     trip.progress = end - 1.55 - 0.7 + beyond
     for _ in range(6):
         trip.stop("OBSTACLE")
         trip.live(1.0)
-    assert set(trip.mission.blocked) == {usual[leg]}
+    assert trip.mission.closed_now(trip.now) == {usual[leg]}
 
 
 @pytest.mark.parametrize(("advanced", "is_blocked"), [(0.25, True), (0.35, False)])
@@ -185,10 +186,10 @@ def test_an_obstacle_farther_on_is_another_one(trip, advanced, is_blocked):
     trip.progress += advanced
     for _ in range(4):
         trip.stop("OBSTACLE")
-    assert bool(trip.mission.blocked) == is_blocked
+    assert bool(trip.mission.closed_now(trip.now)) == is_blocked
     for _ in range(8):
         trip.stop("OBSTACLE")
-    assert trip.mission.blocked
+    assert trip.mission.closed_now(trip.now)
 
 
 def test_a_smoothed_course_or_another_path_does_not_spoil_the_progress(trip):
@@ -220,14 +221,14 @@ def test_a_vehicle_that_is_there_need_not_drive(trip):
 def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
     trip.drive_off()
     trip.progress = 13.0  # of 13.9 m to the branch: it stands on the edge behind it
-    usual = [leg.edge for leg in trip.mission.course.legs]
+    usual = [leg.edge for leg in trip.mission.route.legs]
     for _ in range(6):
         trip.stop("OBSTACLE")
         trip.live(1.0)
     trip.pose = Pose2(14.0, 0.0, 0.0)
     trip.live(3.0)
-    assert set(trip.mission.blocked) == {usual[1]}
-    other = [leg.edge for leg in trip.mission.course.legs]
+    assert trip.mission.closed_now(trip.now) == {usual[1]}
+    other = [leg.edge for leg in trip.mission.route.legs]
     assert other[0] == usual[0]
     assert other[1] not in usual
     assert trip.mission.driven == pytest.approx(13.0)
@@ -237,10 +238,10 @@ def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
 
 def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip):
     trip.drive_off()
-    usual = [leg.edge for leg in trip.mission.course.legs]
+    usual = [leg.edge for leg in trip.mission.route.legs]
     trip.mission.close(str(usual[1]), True, trip.now)
     assert trip.live(2 * STEADY) == ["stop", "load", "start"]
-    assert usual[1] not in [leg.edge for leg in trip.mission.course.legs]
+    assert usual[1] not in [leg.edge for leg in trip.mission.route.legs]
     trip.progress = trip.length - 5.0
     trip.live()
     trip.mission.close(str(usual[0]), True, trip.now)
@@ -251,7 +252,7 @@ def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip)
 
 def test_where_no_way_is_left_the_mission_ends_with_a_name(trip):
     trip.drive_off()
-    for edge in set(trip.mission.network.edges) - {trip.mission.course.legs[0].edge}:
+    for edge in set(trip.mission.network.edges) - {trip.mission.route.legs[0].edge}:
         trip.mission.close(str(edge), True, trip.now)
     assert trip.live(2 * STEADY)[0] == "stop"
     assert trip.mission.outcome.reason.startswith("no way: no edges lead there from here while")
@@ -364,6 +365,20 @@ def test_a_mission_that_ends_early_leaves_nothing_that_a_start_would_drive(trip)
     assert trip.state == "IDLE"  # the path that somebody has loaded since is theirs
 
 
+def test_a_goal_that_comes_while_the_way_to_the_last_one_is_cleared_away_is_driven_to(trip):
+    trip.drive_off()
+    trip.mission.cancel("canceled", trip.now)
+    assert trip.live() == ["stop"]
+    trip.is_answering = False
+    assert trip.live(1.0) == ["clear"]
+    late = trip.mission._pending[0]
+    trip.mission.begin(GOAL, trip.now)
+    trip.is_answering = True
+    trip.answer(late)
+    assert trip.live(3 * STEADY) == ["stop", "load", "start"]
+    assert (trip.mission.state, trip.mission.outcome) == (MissionState.DRIVING, None)
+
+
 @pytest.mark.parametrize("hold", ["stop", "pause"])
 def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
     trip.drive_off()
@@ -417,7 +432,7 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.do("stop")
     trip.mission.resume(trip.now)
     trip.live(3 * STEADY)
-    assert trip.mission.laps_left == 1
+    assert trip.mission.laps_remaining == 1
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
 
 

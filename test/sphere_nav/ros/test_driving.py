@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from path_follower.params import FollowerParams
-from path_follower.taught import make_path
+from path_follower.taught import Given, make_path
 from sphere_nav.ros.conversions import driving, stamp_ns
 
 STAMP = 1_700_000_000_123_456_789
@@ -76,7 +76,7 @@ def test_frames_are_checked():
 
 def test_a_trajectory_backwards_is_one_that_reverses():
     points = np.stack([-np.arange(0, 8, 0.1), np.zeros(80)], axis=-1)
-    path = make_path(points, np.zeros(80), None, FollowerParams(), map_id="yard")
+    path = make_path(Given(points, np.zeros(80), map_id="yard"), FollowerParams())
     message = driving.trajectory_to_message(path, STAMP, "map")
     assert message.map_id == "yard"
     assert message.is_reverse_allowed

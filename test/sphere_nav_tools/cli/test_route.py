@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.pyplot import imread
 
 from path_follower.path import Pose2
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge
@@ -37,6 +38,7 @@ def test_a_dry_run_tells_of_the_network_and_writes_only_its_picture(drives, caps
     assert "4 nodes, 3 edges" in said.out
     assert "net.geojson: not written (--dry-run)" in said.out
     assert sorted(path.name for path in drives.iterdir()) == ["a.csv", "b.csv", "net.png"]
+    assert imread("net.png").std() > 0.05
 
 
 def test_places_that_are_named_are_ends_of_ways(drives, capsys):
@@ -118,8 +120,8 @@ def test_a_spot_is_the_closest_that_heads_as_asked_for():
     across = EdgeCurve(np.full(101, 4.0), x, np.full(101, math.pi / 2), np.ones(101))
     edges = {i: RouteEdge(i, 1, 2, curve) for i, curve in ((5, straight(10.0)), (6, straight(10.0, 1.0)), (7, across))}
     network = Network({1: Pose2(0, 0, 0), 2: Pose2(10, 0, 0)}, edges)
-    assert [find_spot(network, 2.0, y, None).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]
-    assert find_spot(network, 3.8, 0.4, None).edge == 7
+    assert [find_spot(network, 2.0, y).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]
+    assert find_spot(network, 3.8, 0.4).edge == 7
     assert find_spot(network, 3.8, 0.4, 0.1).edge == 5
     for y in (-2.1, 3.1):
         with pytest.raises(ValueError, match="expected a position within 2 m of the network, found 2, "):

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 
 from path_follower.params import FollowerParams
-from path_follower.taught import make_path
+from path_follower.taught import Given, make_path
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.localization.status import Status
 from sphere_nav.ros import conversions as to
@@ -40,8 +40,10 @@ KEY_SPHERES = [
     KeySphere(4, STAMP + 1, OTHER, served=0.5, last_served_ns=STAMP + 8),
 ]  # fmt: skip
 GRAPH = SphereGraph(KEY_SPHERES, [Edge(7, 4, OTHER, np.linalg.inv(COVARIANCE), is_loop=True)])
-PATH = make_path(np.stack([np.arange(0, 3, 0.1), np.sin(np.arange(0, 3, 0.1))], 1), np.zeros(30), None,
-                 FollowerParams(), map_id="yard")  # fmt: skip
+PATH = make_path(
+    Given(np.stack([np.arange(0, 3, 0.1), np.sin(np.arange(0, 3, 0.1))], 1), np.zeros(30), map_id="yard"),
+    FollowerParams(),
+)
 STATUS = Status(
     "DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.625, (3, 7), 0.75, 0.375, 4.5, 12, 6.5, 0.125, 9, 0.875, "yard"
 )
