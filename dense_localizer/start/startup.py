@@ -72,7 +72,7 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
-        placed = placed[: NUM_ALIGNED // 2]
+        placed = placed[: NUM_ALIGNED - 1]
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
     def propose_turned(self, seen: RigImage) -> list[SE3]:
