@@ -8,7 +8,7 @@ The best place of the map is then held against two things. Drives that are not i
 (`joint_evidence.Drives`): what they reach by chance, the drive itself reaches by chance, in n images more or
 less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
 by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
-are alike.
+are alike. A large map's own maxima say as well what chance reaches: `chance_of_lead`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from mcl_depth.constants import (
     TAIL_SHARE,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.localization.status import FINE
 
 
@@ -254,6 +254,9 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
     z / LEAST_MIRRORED. Without a rival nothing is told: 1.
 
+    Streets are more alike than the control drives are like them: where the map has maxima enough, `chance_of_lead`
+    counts as well.
+
     A drive whose images may all be of one room (`ROOM_M`) fits any room of that size, where turned ones do
     not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
     """
@@ -264,11 +267,24 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
     p_elsewhere = float(np.exp(-0.5 * (z / sigma) ** 2))
     p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
+    if len(values) > NUM_MAXIMA:
+        p_elsewhere = max(p_elsewhere, chance_of_lead(values))
     if level.extent_m < ROOM_M:
         over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
         p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
         p_elsewhere, p_rival = max(p_elsewhere, p_mirrored), max(p_rival, 0.5 * p_any)
     return p_elsewhere, max(p_elsewhere, p_rival)
+
+
+def chance_of_lead(values: Array) -> float:
+    """Return the probability that the first of falling values (N,) leads so far by chance.
+
+    Were no place right, they would be the tail of one extreme-value distribution, which falls exponentially: the i-th
+    gap times i is independent and of one exponential distribution (Renyi 1953). So the first by the mean of the n
+    others is F(2, 2 n) distributed: p = (1 + first / sum of the others)^-n, whatever the scale of the tail.
+    """
+    gaps = np.arange(1, len(values)) * -np.diff(values)
+    return float((1.0 + gaps[0] / max(float(gaps[1:].sum()), TINY)) ** (1 - len(gaps)))
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

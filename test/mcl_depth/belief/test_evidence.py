@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.evidence import Evidence, chances_of_place
+from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
@@ -21,6 +21,7 @@ COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
 MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
+NUM_MAXIMA = 40
 ROOM_M = 8.0
 
 SLIP = Verdict(Reason.JUMP_REJECTED)
@@ -64,6 +65,24 @@ class Images:
 
     def survey(self, positions, rows=None):
         return self._curves[slice(None) if rows is None else rows].astype(np.float32)
+
+
+def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
+    rng = np.random.default_rng(4)
+    found = np.array([chance_of_lead(np.sort(rng.exponential(3.0, 40))[::-1]) for _ in range(4000)])
+    for level in (0.5, 0.1, 0.01):
+        share = np.mean(found < level)
+        assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))  # four standard errors
+
+
+@pytest.mark.parametrize(("first", "is_chance"), [(16.0, True), (40.0, False)])
+def test_streets_are_alike_where_control_drives_are_not(first, is_chance):
+    """All drives along a street of another town fit the streets of a map better than turned ones do."""
+    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, extent_m=ROOM_M)
+    tail = 10.0 + 0.8 * np.cumsum(1.0 / np.arange(NUM_MAXIMA, 0, -1))[::-1]  # as in the mean of exponential ones
+    few, all_of_them = (chances_of_place(np.array([first, *tail[:n]]), sure, SIGMA)[0] for n in (20, NUM_MAXIMA))
+    assert few < RATE
+    assert (all_of_them > 0.01) == is_chance
 
 
 def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
