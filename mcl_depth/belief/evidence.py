@@ -8,7 +8,8 @@ The best place of the map is then held against two things. Drives that are not i
 (`joint_evidence.Drives`): what they reach by chance, the drive itself reaches by chance, in n images more or
 less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
 by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
-are alike. A large map's own maxima say as well what chance reaches: `chance_of_lead`.
+are alike. But streets of another town fit better than any control drive does: where the largest maxima of the map are
+but a `TAIL` of all, they say as well what chance reaches (`chance_of_lead`). A home has too few.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from mcl_depth.constants import (
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
+    MAXIMA_SHARE,
     MIN_PATCH,
     NEAR,
     NUM_MAXIMA,
@@ -43,7 +45,7 @@ from mcl_depth.constants import (
     PEAK,
     RIVAL_SCALE,
     ROOM_M,
-    TAIL_SHARE,
+    TAIL,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry.arrays import TINY, Array
@@ -193,8 +195,11 @@ class Evidence:
             standardize(one.survey(self._grid.positions), self._grid) for one in (comparison, comparison.mirrored)
         )
         joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
-        places, values = find_maxima(joint, self._grid.mask)
+        places, values, share = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
+        if share <= TAIL:
+            p_lead = chance_of_lead(values)
+            p_elsewhere, p_chance = max(p_elsewhere, p_lead), max(p_chance, p_lead)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         return Proof(
@@ -226,8 +231,8 @@ def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     return np.where(grid.mask, field, OFF_MAP).astype(np.float32)
 
 
-def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
-    """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
+def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array, float]:
+    """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, their values (N,), their share.
 
     Those around the first belong to it and are left out; and so is the lower half of all.
     """
@@ -241,8 +246,9 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
     is_kept = np.any(off > APART, axis=1)
     is_kept[0] = True
-    count = min(NUM_MAXIMA, int(TAIL_SHARE * np.count_nonzero(is_kept)))
-    return places[is_kept][: count + 1], values[is_kept][: count + 1]
+    number = np.count_nonzero(is_kept)
+    count = min(NUM_MAXIMA, int(MAXIMA_SHARE * number))
+    return places[is_kept][: count + 1], values[is_kept][: count + 1], count / number
 
 
 def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:
@@ -254,9 +260,6 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
     z / LEAST_MIRRORED. Without a rival nothing is told: 1.
 
-    Streets are more alike than the control drives are like them: where the map has maxima enough, `chance_of_lead`
-    counts as well.
-
     A drive whose images may all be of one room (`ROOM_M`) fits any room of that size, where turned ones do
     not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
     """
@@ -267,8 +270,6 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
     p_elsewhere = float(np.exp(-0.5 * (z / sigma) ** 2))
     p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
-    if len(values) > NUM_MAXIMA:
-        p_elsewhere = max(p_elsewhere, chance_of_lead(values))
     if level.extent_m < ROOM_M:
         over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
         p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
