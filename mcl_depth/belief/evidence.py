@@ -9,7 +9,7 @@ The best place of the map is then held against two things. Drives that are not i
 less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
 by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
 are alike. But streets of another town fit better than any control drive does: where the largest maxima of the map are
-but a `TAIL` of all, they say as well what chance reaches (`chance_of_lead`). A home has too few.
+but a `TAIL` of all that it has room for, they say as well what chance reaches (`chance_of_lead`). A home is too small.
 """
 
 from __future__ import annotations
@@ -195,9 +195,10 @@ class Evidence:
             standardize(one.survey(self._grid.positions), self._grid) for one in (comparison, comparison.mirrored)
         )
         joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
-        places, values, share = find_maxima(joint, self._grid.mask)
+        places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
-        if share <= TAIL:
+        room = joint[:, self._grid.mask].size / (2 * PEAK + 1) ** joint.ndim  # for so many maxima
+        if TAIL * room >= NUM_MAXIMA:
             p_lead = chance_of_lead(values)
             p_elsewhere, p_chance = max(p_elsewhere, p_lead), max(p_chance, p_lead)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
@@ -231,8 +232,8 @@ def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     return np.where(grid.mask, field, OFF_MAP).astype(np.float32)
 
 
-def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array, float]:
-    """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, their values (N,), their share.
+def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
+    """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
 
     Those around the first belong to it and are left out; and so is the lower half of all.
     """
@@ -246,9 +247,8 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
     is_kept = np.any(off > APART, axis=1)
     is_kept[0] = True
-    number = np.count_nonzero(is_kept)
-    count = min(NUM_MAXIMA, int(MAXIMA_SHARE * number))
-    return places[is_kept][: count + 1], values[is_kept][: count + 1], count / number
+    count = min(NUM_MAXIMA, int(MAXIMA_SHARE * np.count_nonzero(is_kept)))
+    return places[is_kept][: count + 1], values[is_kept][: count + 1]
 
 
 def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:
