@@ -32,6 +32,7 @@ BOXES = (  # the room, furniture, and a doorway in the wall
     ((-1.0, -2.5, 0), (-0.1, -2.4, 2.1)),
 )
 SETTINGS = {"area.step": 0.25, "resampling.num_particles": 400, "synthesis.num_columns": COLUMNS}
+SETTINGS |= {"likeness.kind": "gradients"}  # of pictures that no camera took nothing was learned
 T_BASE_EYE = SE3.from_parts(np.eye(3), np.array([0.2, 0.0, HEIGHT]))
 T_ODOM_MAP = SE3.from_planar(3.0, 1.0, 2.0)
 

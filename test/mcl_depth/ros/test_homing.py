@@ -27,7 +27,6 @@ from worlds.mcl import SECOND, Bench, Eye, room_points
 PATH = [SE3.from_planar(x, -1.0 + 0.1 * (x + 2.4) ** 2, 0.0) for x in np.arange(-2.6, 1.4, 0.2)]
 EYE = np.array([0.2, 0.0])  # roughly: before the base
 SETTINGS = {
-    "likeness.kind": "gradients",
     "homing.spacing": 0.8,
     "homing.distance_step": 0.5,
     "input.max_leap_s": 10.0,
