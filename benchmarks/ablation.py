@@ -49,7 +49,7 @@ def _no_first(*words: Any, **_: Any) -> Any:
     return First([], "", is_certain=False)
 
 
-def _chance_by_rivals(values: Any, _: Any) -> tuple[float, float]:
+def _chance_by_rivals(values: Any, *_: Any) -> tuple[float, float]:
     return 0.0, float(np.exp((values[1] - values[0]) / 0.6))
 
 
@@ -90,7 +90,6 @@ MECHANISMS = {
     "joined_at": Mechanism(*CLASSES, (f"{RANGE}.vertical.correct_baseline",), _nothing),
     "recenter": Mechanism(*CLASSES, (f"{RANGE}.vertical.to_common_center",), lambda *planes: planes[:2]),
     "controls": Mechanism(*WRONG_MAPS, ("mcl_depth.belief.evidence.chances_of_place",), _chance_by_rivals),
-    "roughening": Mechanism(*WRONG_MAPS, ("mcl_depth.belief.resampling._roughen",), lambda particles, *_: particles),
     "injection": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.inject_at_places",), lambda particles, *_: particles),
     "headings": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.adjust_headings",), lambda particles, *_: particles),
     "image_motion": Mechanism(

@@ -54,6 +54,7 @@ class OdometryCheck:
         self._is_trusted = self._is_new = False  # new: the last sample may become the trusted one
         self._information = self._score = 0.0
         self._dispute, self._dispute_since_ns = FINE, 0
+        self._growth = np.zeros(6)  # of the covariance of odometry, when the dispute began
         self._compared_ns = 0
 
     def propagate(self, T_odom_camera: SE3 | None, *, is_trusted: bool) -> None:
@@ -87,9 +88,9 @@ class OdometryCheck:
         covariance = before.covariance + sample.covariance + np.diag(self._growth)
         squared = squared_distance(T_map_camera, sample.T_map_camera, covariance)
         sigmas = float(np.sqrt(squared))
-        if self._dispute is not FINE:
-            self._dispute = FINE if squared <= gate(6) else self._dispute
-        elif sigmas > MAX_ODOMETRY_SIGMAS:
+        if squared <= gate(6):
+            self._dispute = FINE
+        elif self._dispute is FINE and sigmas > MAX_ODOMETRY_SIGMAS:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
             self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)
             self._dispute_since_ns = sample.stamp_ns

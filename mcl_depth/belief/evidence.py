@@ -197,7 +197,7 @@ class Evidence:
         joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
-        room = joint[:, self._grid.mask].size / (2 * PEAK + 1) ** joint.ndim  # for so many maxima
+        room = len(joint) * len(self._grid.positions) / (2 * PEAK + 1) ** joint.ndim  # for so many maxima
         if TAIL * room >= NUM_MAXIMA:
             p_lead = chance_of_lead(values)
             p_elsewhere, p_chance = max(p_elsewhere, p_lead), max(p_chance, p_lead)

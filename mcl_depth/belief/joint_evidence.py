@@ -144,8 +144,10 @@ class Drives:
         turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
         total, *others = self._ahead.add(np.stack([field, *turned]), odometry)
         away = self._mirrored.add(mirrored, None if odometry is None else odometry * np.array([1.0, -1.0, -1.0]))
-        place = np.full(len(ASIDE), -np.inf) if odometry is None else ASIDE @ odometry[:2]
-        self._reach = place if odometry is None else np.maximum(self._reach, place)
-        extent_m = 0.0 if odometry is None else float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2)))
+        if odometry is None:
+            self._reach[:] = -np.inf
+        else:
+            np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
+        extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
         reached, *turned_reach = (float(one[:, mask].max()) for one in (away, *others))
         return total, EvidenceLevel(reached, float(np.mean(turned_reach)), self._ahead.num_images, extent_m)

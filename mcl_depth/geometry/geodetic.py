@@ -26,23 +26,18 @@ def declared_crs(path: Path) -> CRS | None:
     """Return the system that a .las or .laz declares, of a folder its first tile; None where none does."""
     if path.is_dir():
         path = min((file for file in path.iterdir() if file.suffix.lower() in ENDINGS), default=path)
-    for record in _records_of(path):
-        try:
-            if (crs := record.parse_crs()) is not None:
-                return crs
-        except (CRSError, AttributeError):  # laspy leaves a record that it cannot read as it is
-            continue
-    return None
+    return _system_of(_records_of(path))
 
 
 def declared_unit(path: Path) -> str:
     """Return the unit that a .las or .laz declares, by its system or a key, or an .e57 has; else empty."""
     if path.suffix.lower() == ".e57":
         return "m"
-    if (crs := declared_crs(path)) is not None:
+    records = _records_of(path)
+    if (crs := _system_of(records)) is not None:
         factor = crs.axis_info[0].unit_conversion_factor if crs.axis_info else 0.0
         return next((unit for unit, meters in METERS.items() if abs(factor / meters - 1.0) < 1e-7), "")
-    keys = [key for record in _records_of(path) for key in getattr(record, "geo_keys", ())]
+    keys = [key for record in records for key in getattr(record, "geo_keys", ())]
     codes = [key.value_offset for key in keys if key.id == LINEAR_UNITS and key.tiff_tag_location == 0]
     return EPSG_UNITS.get(codes[0], "") if codes else ""
 
@@ -53,6 +48,17 @@ def _records_of(path: Path) -> list[Any]:
         return []
     found = read_header(path).vlrs.get_by_id("LASF_Projection", (WKT, GEO_KEYS))
     return sorted(found, key=lambda record: record.record_id)
+
+
+def _system_of(records: list[Any]) -> CRS | None:
+    """Return the first system that can be read; laspy leaves a record that it cannot read as it is."""
+    for record in records:
+        try:
+            if (crs := record.parse_crs()) is not None:
+                return crs
+        except (CRSError, AttributeError):
+            continue
+    return None
 
 
 def degrees_of(crs: CRS | str) -> Degrees:

@@ -143,9 +143,8 @@ def _open_ways(network: Network, closed: Collection[int]) -> Mapping[int, list[L
 
 def _whole(edge: RouteEdge) -> list[Leg]:
     """Return the edge as it may be driven."""
-    return [Leg(edge.id, 1, 0.0, edge.length)] * edge.is_forward + [
-        Leg(edge.id, -1, edge.length, 0.0)
-    ] * edge.is_reverse
+    forward, reverse = Leg(edge.id, 1, 0.0, edge.length), Leg(edge.id, -1, edge.length, 0.0)
+    return [leg for leg, may in ((forward, edge.is_forward), (reverse, edge.is_reverse)) if may]
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:
