@@ -377,9 +377,7 @@ class Mission:
     def _stopped(self, view: FollowerView, now: float) -> None:
         """The follower has stopped by itself, or somebody has stopped it."""
         text = f"{view.reason}: {view.remedy}"
-        if view.reason == StopReason.OBSTACLE:
-            if self._obstacle is None or self.progress > self._obstacle[1] + ADVANCED:
-                self._obstacle = now, self.progress
+        if self._is_obstacle(view.reason, now):
             advice = f"goes on when it has gone, and looks for another way after {self.params.patience:g} s"
             self._go(WAITING, now, f"{view.reason}: {advice}")
             self._retry_at = now + RETRY
@@ -388,11 +386,17 @@ class Mission:
         else:
             self._go(HELD, now, _to_resume(text))
 
+    def _is_obstacle(self, reason: str, now: float) -> bool:
+        """Return whether an obstacle is what keeps the vehicle here; since when is kept while it gets no farther."""
+        if reason != StopReason.OBSTACLE:
+            self._obstacle = None
+        elif self._obstacle is None or self.progress > self._obstacle[1] + ADVANCED:
+            self._obstacle = now, self.progress
+        return self._obstacle is not None
+
     def _at_obstacle(self, since: float, now: float) -> None:
         """Try again and again; what stays closes the edge that it stands on."""
-        if self.view.reason != StopReason.OBSTACLE:
-            self._obstacle = None
-        elif now - since > self.params.patience and self.route.legs:
+        if now - since > self.params.patience and self.route.legs:
             at = self.route.leg_at(self.progress + self.vehicle.front + BEHIND_FRONT)
             edge = self.route.legs[at].edge
             self.closed[edge] = max(self.closed.get(edge, now), now + self.params.memory)
@@ -426,6 +430,7 @@ class Mission:
         if self.route.round_legs:
             self.laps_remaining = min((len(self.legs_ahead) - 1) // self.route.round_legs, self.laps_remaining)
         self.driven, self.route, self.progress = self.driven + self.progress, NO_ROUTE, 0.0
+        self._obstacle = None
 
     def _stand(self, now: float) -> None:
         """Have the follower paused; who starts it after that has asked for the mission to go on."""
@@ -458,7 +463,8 @@ class Mission:
             self._go(PAUSED, now, failure)
         elif self._ending is not None:
             self.reason = failure
-        elif request.name == "start" and (failure.partition(":")[0] in RETRIED or "no such service" in failure):
+        elif request.name == "start" and ((why := failure.partition(":")[0]) in RETRIED or "no such service" in failure):
+            self._is_obstacle(why, now)
             self._go(WAITING, now, failure)
             self._retry_at = now + RETRY
         else:

@@ -236,6 +236,41 @@ def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
     assert trip.mission.closed_now(trip.now + PARAMS.memory) == set()
 
 
+def test_a_mission_that_begins_before_an_obstacle_takes_another_way_too(trip):
+    start = trip.mode.take
+    trip.mode.take = lambda event, *by: "OBSTACLE: found 9, limit 3" if event is Event.START else start(event, *by)
+    trip.pose = Pose2(13.0, 0.0, 0.0)  # the branch begins at 13.9 m
+    trip.mission.begin(GOAL, trip.now)
+    asked = trip.live(3 * STEADY)
+    usual = [leg.edge for leg in trip.mission.route.legs]
+    assert asked == ["load", "start"]
+    assert trip.live(PARAMS.patience - 2.0) == ["start"]
+    assert trip.mission.closed_now(trip.now) == set()
+    trip.live(3.0)
+    assert trip.mission.closed_now(trip.now) == {usual[1]}
+    del trip.mode.take
+    trip.live(2 * RETRY)
+    assert trip.mission.state is MissionState.DRIVING
+    assert usual[1] not in [leg.edge for leg in trip.mission.route.legs]
+
+
+def test_an_obstacle_is_forgotten_once_the_mission_has_been_given_up_or_something_else_is_missing(trip):
+    trip.drive_off()
+    trip.stop("OBSTACLE")
+    trip.refusal = "NOT_LOCALISED: wait until the localiser is TRACKING, then call start"
+    trip.live(RETRY)
+    trip.refusal = ""
+    trip.live(RETRY + STEADY)
+    trip.live(2 * PARAMS.patience)
+    trip.stop("OBSTACLE")
+    assert trip.mission.closed_now(trip.now) == set()
+    trip.do("stop")
+    trip.live(PARAMS.patience)
+    assert trip.mission.resume(trip.now) == ""
+    assert trip.live(2 * STEADY)[-2:] == ["load", "start"]
+    assert trip.mission.closed_now(trip.now) == set()
+
+
 def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip):
     trip.drive_off()
     usual = [leg.edge for leg in trip.mission.route.legs]
