@@ -455,6 +455,7 @@ class Mission:
 
         A vehicle must not drive off because an emergency stop was released.
         """
+        why = failure.partition(":")[0]
         if request.name == "clear" and self._ending is not None:
             self._conclude(False, f"{self._ending}; {failure}", now)
         elif self.state is PAUSED:
@@ -463,7 +464,7 @@ class Mission:
             self._go(PAUSED, now, failure)
         elif self._ending is not None:
             self.reason = failure
-        elif request.name == "start" and ((why := failure.partition(":")[0]) in RETRIED or "no such service" in failure):
+        elif request.name == "start" and (why in RETRIED or "no such service" in failure):
             self._is_obstacle(why, now)
             self._go(WAITING, now, failure)
             self._retry_at = now + RETRY
