@@ -31,7 +31,7 @@ REMEDIES = INPUT_REMEDIES | {
     Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",
     Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",
     Reason.AMBIGUOUS: "two places look alike: drive on until they differ, or give an initial pose",
-    Reason.MAP_ERROR: "this cloud cannot be used: check its unit and its extent",
+    Reason.MAP_ERROR: "nothing can be localised so: correct what is named; of a cloud, its unit and its extent",
     Reason.ODOM_STALE: "odometry is missing, so no new place is trusted: check the topic odom and its stamps",
 }
 
