@@ -45,7 +45,6 @@ MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
 MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
-CLEARLY = 0.1  # of the chance that is allowed: so sure an image counts for two (docs/notes/joint_evidence.md)
 
 # Evidence of one image for the map, and its maxima (belief/test_evidence, test_survey_grid)
 MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
@@ -55,9 +54,9 @@ APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what 
 NUM_MAXIMA, MAXIMA_SHARE, TAIL = 40, 0.5, 0.05  # of a map; of all at most; of those that it has room for
 CHANCE_SIGMA = 0.6, 0.9  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
-LEAD_SCALE = 1.0  # the same over the mirrored drive as well, where the drive may not have left its room (mcl_rooms)
+LEAD_SCALE = 1.0  # the same over the mirrored drive, where the drive may not have left its room (mcl_rooms)
 ROOM_M = 8.0  # between two images: nearer, all may be of one room (docs/notes/joint_evidence.md)
-LEAST_MIRRORED = 3.0  # z by the lead over the mirrored drive: a room that is its own mirror image proves nothing
+INDEPENDENT_M = 12.0  # extent of a drive from which on its images err independently (docs/notes/joint_evidence.md)
 TURNS = 0.25, 0.5, 0.75  # of a circle, between views and way of control drives
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 

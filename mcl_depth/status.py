@@ -13,7 +13,6 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
-    CLEARLY,
     EVEN_ODDS,
     GOOD_SIGMA_M,
     LOST_IMAGES,
@@ -89,8 +88,7 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     if best.sigma_m > GOOD_SIGMA_M:
         finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
         return BeliefVerdict(finding, num_images=0)
-    is_clear = proof.is_of_rooms or (proof.is_of_map and proof.p_chance < CLEARLY * max_chance)
-    return BeliefVerdict(num_images=PROVEN_IMAGES if is_clear else 1)
+    return BeliefVerdict(num_images=PROVEN_IMAGES if proof.is_of_map else 1)
 
 
 def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:

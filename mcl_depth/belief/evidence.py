@@ -6,10 +6,11 @@ is how well the rest of the map fits the same images. So each image is compared 
 
 The best place of the map is then held against two things. Drives that are not in the map are made of the same images
 (`joint_evidence.Drives`): what they reach by chance, the drive itself reaches by chance, in n images more or
-less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
-by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
-are alike. But streets of another town fit better than any control drive does: where the largest maxima of the map are
-but a `TAIL` of all that it has room for, they say as well what chance reaches (`chance_of_lead`). A home is too small.
+less by sqrt(n) / 2 or so, and by more where all are of one room. By how many sqrt(n) the best place exceeds them says
+whether the images are of this map, and by how much it leads its rivals whether it is that place: `chances_of_place`.
+Where only the first is sure, two places are alike. But streets of another town fit better than any control drive does:
+where the largest maxima of the map are but a `TAIL` of all that it has room for, they say as well what chance reaches
+(`chance_of_lead`). A home is too small.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
     EVEN_ODDS,
+    INDEPENDENT_M,
     LEAD_SCALE,
-    LEAST_MIRRORED,
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
@@ -67,7 +68,6 @@ class Proof:
     tolerance_m: float = 0.0
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
-    is_of_rooms: bool = False  # of a drive through more than one room
 
     @property
     def is_of_map(self) -> bool:
@@ -210,7 +210,6 @@ class Evidence:
             tolerance_m=tolerance,
             is_in_map=p_elsewhere < self._max_chance <= p_chance and len(poses) > 1,
             is_proven=p_chance < self._max_chance,
-            is_of_rooms=level.extent_m >= ROOM_M,
         )
 
 
@@ -257,23 +256,20 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of
     both kinds of control drives, and those that are turned reach sqrt(n) less than a drive elsewhere, whose views
     belong to its way: p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
-    a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
-    z / LEAST_MIRRORED. Without a rival nothing is told: 1.
+    a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). Without a rival nothing is told: 1.
 
-    A drive whose images may all be of one room (`ROOM_M`) fits any room of that size, where turned ones do
-    not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
+    Images of one room fit another one by chance together: sigma^2 is larger by as much as the drive's extent is smaller
+    than `INDEPENDENT_M`. While all may be of one room (`ROOM_M`), its twin next door is as good, where turned ones fit
+    neither: there the lead over the mirrored drive counts as well, exp(-lead / LEAD_SCALE).
     """
     if len(values) < 2:
         return 1.0, 1.0
     root = np.sqrt(level.num_images)
-    over_mirrored, over_turned = (values[0] - level.mirrored) / root, (values[0] - level.turned) / root - 1.0
-    z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
-    p_elsewhere = float(np.exp(-0.5 * (z / sigma) ** 2))
-    p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
+    z = max(float((values[0] - 0.5 * (level.mirrored + level.turned + root)) / root), 0.0)
+    p_elsewhere = float(np.exp(-0.5 * min(level.extent_m / INDEPENDENT_M, 1.0) * (z / sigma) ** 2))
     if level.extent_m < ROOM_M:
-        over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
-        p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
-        p_elsewhere, p_rival = max(p_elsewhere, p_mirrored), max(p_rival, 0.5 * p_any)
+        p_elsewhere = max(p_elsewhere, min(float(np.exp((level.mirrored - values[0]) / LEAD_SCALE)), 1.0))
+    p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
     return p_elsewhere, max(p_elsewhere, p_rival)
 
 

@@ -75,21 +75,22 @@ def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
 
 
 def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
-    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, extent_m=ROOM_M)
+    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, extent_m=99.0)
     p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure, SIGMA)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
     by_rival = pytest.approx(np.exp(-3.0 / RIVAL_SCALE))
     assert chances_of_place(np.array([18.0, 15.0]), sure, SIGMA) == (p_elsewhere, by_rival)
     # what many images add up to says less
-    later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, extent_m=ROOM_M)
+    later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, extent_m=12.0)
     assert chances_of_place(np.array([18.0, 9.0]), later, SIGMA)[0] > 10.0 * p_elsewhere
-    alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, extent_m=ROOM_M)  # a room is its own mirror image
-    assert chances_of_place(np.array([18.0, 9.0]), alike, SIGMA)[0] > 0.01
     assert chances_of_place(np.array([7.5, 1.0]), sure, SIGMA) == (1.0, 1.0)
+    rooms = chances_of_place(np.array([18.0, 9.0]), replace(sure, extent_m=ROOM_M), SIGMA)[0]
+    assert rooms == pytest.approx(p_elsewhere ** (ROOM_M / 12.0))  # images of one room err together
     one_room = replace(sure, mirrored=14.0, turned=1.0, extent_m=0.9 * ROOM_M)  # any room of that size fits
     assert chances_of_place(np.array([18.0, 9.0]), one_room, SIGMA) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
-    assert chances_of_place(np.array([18.0, 9.0]), replace(one_room, extent_m=ROOM_M), SIGMA)[0] < RATE
+    alike = replace(sure, mirrored=29.0, turned=2.0)  # a home that is its own mirror image
+    assert chances_of_place(np.array([30.0, 20.0]), alike, SIGMA)[0] < RATE
     assert chances_of_place(np.array([20.0]), sure, SIGMA) == (1.0, 1.0)  # no rival
     wide, narrow = (chances_of_place(np.array([18.0, 9.0]), sure, sigma)[0] for sigma in (2 * SIGMA, SIGMA))
     assert wide == pytest.approx(narrow**0.25)
