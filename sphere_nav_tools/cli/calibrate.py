@@ -14,7 +14,7 @@ from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
-from sphere_nav_tools.offline.settings import add_output, check_free
+from sphere_nav_tools.offline.settings import add_output
 from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\
@@ -46,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Detect, calibrate, write rig and report."""
     boards = _boards(arguments)
-    check_free(arguments, arguments.output)
     cameras = find_images(arguments.images)
     sizes, views = detect_boards(cameras, boards)
     wrong_size = check_board_sizes(cameras, boards, views)

@@ -37,6 +37,7 @@ from sphere_nav_tools.cli.constants import (
     MIN_TOKEN,
 )
 
+PORTS = {"view": 8080, "operate": 8081}
 INSTALL = "pip install 'viser>=1.1,<2'"
 TOKEN_VARIABLE = "SPHERE_NAV_TOKEN"
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "[::1]"))
@@ -137,10 +138,10 @@ def network_of(address: str) -> str:
     return str(ipaddress.ip_network((address.partition("%")[0], 64 if ":" in address else 32), strict=False))
 
 
-def add_options(parser: argparse.ArgumentParser, port: int) -> None:
-    """Declare where a page is served, and its token."""
+def add_options(parser: argparse.ArgumentParser, command: str) -> None:
+    """Declare where a command serves its page, and the token."""
     add(parser, "--host", "HOST", "address to serve at (%(default)s: this machine only)", default="127.0.0.1")
-    add(parser, "--port", "PORT", "port, or the next free one (%(default)s)", int, default=port)
+    add(parser, "--port", "PORT", f"port ({PORTS[command]}, or the next free one)", int)
     add(parser, "--token", "TOKEN", f"part of the link (a new one each time); also {TOKEN_VARIABLE}", default="")
 
 
@@ -148,7 +149,14 @@ def address_of(command: str, arguments: argparse.Namespace) -> Address:
     """Return where a command serves its page; ValueError before anything starts where it cannot."""
     if find_spec("viser") is None:
         raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}")
-    return Address(command, arguments.host, arguments.port, token_for(arguments.token))
+    host, port = arguments.host, arguments.port
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, port or 0), family=family).close()
+    except (OSError, OverflowError) as error:
+        named = f"--host {host}" if port is None else f"--host {host} --port {port}"
+        raise ValueError(f"{named}: expected an address of this machine and a free port of it, found {error}") from None
+    return Address(command, host, PORTS[command] if port is None else port, token_for(arguments.token))
 
 
 def token_for(given: str) -> str:

@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import software
+from sphere_nav_tools.offline.settings import check_files
 from sphere_nav_tools.offline.tables import columns
 
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
@@ -80,6 +81,7 @@ def _dispatch(words: list[str]) -> int:
         arguments = parser.parse_args(words[1:])
         for name, value in vars(arguments).items():
             setattr(arguments, name, [at_home(one) for one in value] if isinstance(value, list) else at_home(value))
+        check_files(arguments)
         arguments.words = words
         with _log_at_the_end():
             return int(module.run(arguments) or 0)

@@ -11,6 +11,7 @@ from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing, topics
+from sphere_nav_tools.offline.settings import floats
 
 HELP = """\
 Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because
@@ -33,7 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "cloud", "CLOUD", "geometry to localise in")
     add(parser, "source", "BAG", "bag with images, camera_info or sphere_info, and odometry")
     choose(parser, "--preset", ("auto", *PRESETS), "surroundings (by the cloud)", "auto")
-    add(parser, "--origin", "E,N,H", "of the survey in m at the origin of the map (chosen, where needed)", default="")
+    add(
+        parser,
+        "--origin",
+        "E,N,H",
+        "of the survey in m at the origin of the map (chosen, where needed)",
+        floats("E,N,H", 3),
+    )
     localizing.add_arguments(parser, "mcl_depth")
 
 
@@ -50,7 +57,7 @@ def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
     values = {
         "cloud": arguments.cloud,
         "preset": arguments.preset,
-        "survey.origin": arguments.origin,
+        "survey.origin": ",".join(map(str, arguments.origin or ())),
         "input.max_leap_s": MAX_LEAP_S,
         "every_image": True,
     }

@@ -11,7 +11,7 @@ from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.evaluation import AUTO, ESTIMATE_TOPICS, describe_alignment
 from sphere_nav_tools.offline.localizing import describe_states
 from sphere_nav_tools.offline.pose_bags import find_topic, read_poses
-from sphere_nav_tools.offline.settings import add_output, check_ending, check_free
+from sphere_nav_tools.offline.settings import PICTURES, add_output
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
@@ -30,13 +30,12 @@ examples:
   sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
-ENDINGS = (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "bag", "BAG", "recording with pose and status", Path)
-    add_output(parser, "FILE", "picture to write")
+    add_output(parser, "FILE", "picture to write", PICTURES)
     add(parser, "--pose", "TOPIC", "poses (found by name)")
     add(parser, "--status", "TOPIC", "status of the localiser (found by type)")
     add(parser, "--truth", "F", "true poses: TUM file, or a bag (those in BAG)", Path)
@@ -52,9 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, measure, draw; 1 if there is neither a pose nor a status."""
-    output = arguments.output
-    check_ending(output, ENDINGS)
-    check_free(arguments, output)
     from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
     with BagReader(arguments.bag) as bag:
@@ -70,7 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
         is_required=arguments.truth is not None,
         alignment=arguments.align,
     )
-    plot_figure.draw_localization(output, poses, judged, statuses, served)
+    plot_figure.draw_localization(arguments.output, poses, judged, statuses, served)
     told = [*describe_states(statuses), *plot_figure.describe_experiences(served)]
     told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
-    print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
+    print("\n".join([*told, f"{arguments.output}: {0 if poses is None else len(poses)} poses"]))

@@ -15,7 +15,7 @@ from sphere_nav_tools.offline.refine_camera import (
     mounting_lines,
     text_of,
 )
-from sphere_nav_tools.offline.settings import add_output, add_settings, check_free
+from sphere_nav_tools.offline.settings import add_output, add_settings
 from sphere_nav_tools.offline.tables import quantity_lines
 
 HELP = """\
@@ -49,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise and refine in turn; 1, with nothing written, if the drive does not prove a better lens."""
-    check_free(arguments, arguments.output)
     drive = RecordedDrive(arguments)
     with open_map(arguments.map) as sphere_map:
         proof = drive.refine(sphere_map)

@@ -13,7 +13,7 @@ from path_follower.routes.network_file import network_path, read_network, to_geo
 from path_follower.routes.planning import Route, plan
 from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline import routes
-from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, floats
+from sphere_nav_tools.offline.settings import PICTURES, add_file, add_output, add_overwrite, check_free, floats
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -34,7 +34,6 @@ examples:
   sphere_nav route plan maps/campus home gate --closed 12
   sphere_nav route export maps/campus -o way.csv --from home --to gate
 """
-ENDINGS = (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(build, "drives", "DRIVE", "taught paths, the first begins at `home`", Path, nargs="+")
     flag(build, "--reversible", "all edges may be driven backwards, too")
     flag(build, "--dry-run", "show what would be made, write nothing but the plot")
-    add_overwrite(build)
     name = words.add_parser("name", help="give a name to a place")
     add(name, "name", "NAME", "of the place")
     _add_network(name)
@@ -64,14 +62,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(way, "goal", "TO", "place")
     export = words.add_parser("export", help="write the network, or a way on it")
     _add_network(export)
-    export.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".geojson or .csv")
+    add_output(export, "FILE", ".geojson or .csv", (".geojson", ".csv"))
     add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
     add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
     for word in (way, export):
         add(word, "--closed", "N,N", "edges that are not driven", floats("N,N", 1, 1000), default=())
         add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
     for word in (build, words.choices["show"], way):
-        add(word, "--plot", "FILE", f"picture to write ({', '.join(ENDINGS)})", Path)
+        add_file(word, "--plot", metavar="FILE", told=f"picture to write ({', '.join(PICTURES)})", endings=PICTURES)
+        add_overwrite(word)
 
 
 def _add_network(parser: argparse.ArgumentParser) -> None:
@@ -80,8 +79,6 @@ def _add_network(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int | None:
     """Carry out one word."""
-    if getattr(arguments, "plot", None) is not None:
-        check_ending(arguments.plot, ENDINGS)
     words: dict[str, Callable[..., int | None]] = {
         "build": make_network,
         "name": name_place,
@@ -144,11 +141,11 @@ def export(arguments: argparse.Namespace) -> None:
     if output.suffix == ".geojson":
         output.write_text(to_geojson(network, is_dense=False), encoding="utf-8")
         print(f"{output}: {len(network.nodes)} nodes, {len(network.edges)} edges")
-    elif output.suffix == ".csv" and arguments.start and arguments.goal:
+    elif arguments.start and arguments.goal:
         route = _way(network, arguments)
         print(f"{output}: {routes.write_way(output, network, route)} points, {route.length:.1f} m")
     else:
-        raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
+        raise ValueError(f"{output}: expected --from and --to for .csv, found neither")
 
 
 def _read(arguments: argparse.Namespace) -> Network:

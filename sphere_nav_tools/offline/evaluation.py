@@ -101,6 +101,8 @@ def _pair(
 
 def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
     """Whether paired poses differ by where their frames are, far more than by anything that is left then."""
+    if len(estimate) == 1:
+        return False  # it fits whatever it is
     moved = estimate.moved(*align_trajectories(estimate, truth, "poses"))
     raw, left = (
         [float(np.median(values)) for values in one.T_map_body.distance(truth.T_map_body)] for one in (estimate, moved)
@@ -132,6 +134,8 @@ def find_alignment(
 ) -> tuple[SE3, float]:
     """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
     if aligned_by is None:
+        if kind != "none" and len(paired[0]) == 1:
+            raise ValueError(f"--align {kind}: expected several poses to align by, found one, which fits in any case")
         return align_trajectories(*paired, kind)
     estimate, truth = aligned_by
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))

@@ -7,7 +7,6 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
 from sphere_nav_tools.offline.recorded_camera import patience
-from sphere_nav_tools.offline.settings import add_output, add_settings, check_free, read_pose
+from sphere_nav_tools.offline.settings import add_file, add_output, add_settings, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -32,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     """Declare the arguments that do not depend on what is localised in; `node` is whose parameters `--set` sets."""
     add_output(parser, "TUM", "file of poses to write")
     parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the summary as JSON")
+    add_file(parser, "--json", metavar="FILE", told="also write the summary as JSON")
     topics.add_options(parser)
     add_settings(parser, node)
     parser.add_argument(
@@ -44,15 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
 
 
 def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) -> int:
-    """Write the poses and the summary of what a node published; 1 if there is no pose. ValueError for files there."""
+    """Write the poses and the summary of what a node published; 1 if there is no pose."""
     output = arguments.output
-    check_free(arguments, output, arguments.json)
     poses, statuses = collect(published)
-    write_tum(output, poses)
+    if len(poses):
+        write_tum(output, poses)
     result = summarize(poses, statuses)
     if arguments.json:
         write_json(arguments.json, result)
-    print(f"{result['images']} images, {result['poses']} poses -> {output}")
+    print(f"{result['images']} images, {result['poses']} poses" + f" -> {output}" * bool(len(poses)))
     print("\n".join(describe_states(statuses)))
     return 0 if result["poses"] else 1
 

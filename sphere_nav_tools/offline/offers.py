@@ -11,10 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mcl_depth.constants import MIN_HEIGHT_M
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.localization.params import RigParams
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import CAMERA_INFO, CLOUD, Stream
+from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import odometry_edge
 from sphere_nav.ros.conversions import is_rectified_topic
 from sphere_nav.ros.maps.writer import MAP_FRAME
@@ -168,6 +170,10 @@ def _offer_mcl(finder: TopicFinder, _: Path | None) -> Found:
     if not finder.mounting and not finder.frames.is_connected(BASE_FRAME, frame):
         expected = f"{BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
         raise BagError(f"expected {expected}, found neither")
+    height = (read_mounting(finder.mounting) or finder.frames.lookup(BASE_FRAME, frame)).translation[2]
+    if height < MIN_HEIGHT_M:
+        expected = f"the height of the camera above {BASE_FRAME} by /tf_static or --mounting"
+        raise BagError(f"expected {expected}, found {height:.2f} m")
     clouds = ", ".join(stream.topic for stream in finder.streams if stream.type == CLOUD)
     notes = [f"the bag has point clouds, too ({clouds})"] * bool(clouds) + [NO_ODOMETRY] * (not odometry_of(finder))
     note = PANORAMA_NOTE if more else "; ".join(["ready", *notes]) if notes else ""

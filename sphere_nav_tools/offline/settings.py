@@ -11,6 +11,8 @@ from typing import Any
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_yaml, number
 
+PICTURES = (".png", ".pdf", ".svg")  # what figures are drawn as
+
 
 class SettingAction(argparse.Action):
     """Collects words NAME=VALUE into a dictionary; values as in YAML. ValueError for a word that is no pair."""
@@ -97,9 +99,32 @@ def _budget(text: str) -> Any:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def add_output(parser: argparse.ArgumentParser, metavar: str, what: str) -> None:
-    """Declare a file to write, and --overwrite."""
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=what)
+class FileAction(argparse.Action):
+    """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins."""
+
+    def __init__(self, *words: Any, endings: Sequence[str] = (), **more: Any) -> None:
+        super().__init__(*words, type=Path, **more)
+        self._endings = endings
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, path: Any, option_string: str | None = None) -> None:
+        """Take one."""
+        if self._endings and path.suffix not in self._endings:
+            found = f"found ending {path.suffix!r}"
+            raise argparse.ArgumentError(self, f"{path}: expected a file {', '.join(self._endings)}, {found}")
+        setattr(namespace, self.dest, path)
+        namespace.to_write = [*getattr(namespace, "to_write", ()), path]
+
+
+def add_file(
+    parser: argparse._ActionsContainer, *names: str, metavar: str, told: str, endings: Sequence[str] = (), **more: Any
+) -> None:
+    """Declare a file to write; the parser has --overwrite, too."""
+    parser.add_argument(*names, action=FileAction, metavar=metavar, help=told, endings=endings, **more)
+
+
+def add_output(parser: argparse.ArgumentParser, metavar: str, what: str, endings: Sequence[str] = ()) -> None:
+    """Declare the file that a command is for, and --overwrite."""
+    add_file(parser, "-o", "--output", metavar=metavar, told=what, endings=endings, required=True)
     add_overwrite(parser)
 
 
@@ -108,14 +133,17 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace what is there")
 
 
-def check_free(arguments: argparse.Namespace, *outputs: Path | None, loss: str = "") -> None:
-    """Raise ValueError where a file or folder to write is there, without --overwrite; `loss`: what goes with it."""
-    for path in outputs:
-        if path and path.exists() and not arguments.overwrite:
-            raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")
+def check_files(arguments: argparse.Namespace) -> None:
+    """Raise ValueError for a file to write that has no folder to be in, or is there, without --overwrite."""
+    for path in getattr(arguments, "to_write", ()):
+        check_free(arguments, path)
+        if not path.parent.is_dir():
+            raise ValueError(f"{path}: expected a folder to write it into, found no {path.parent}")
 
 
-def check_ending(path: Path, endings: Sequence[str]) -> None:
-    """Raise ValueError for a file to write that has none of the endings."""
-    if path.suffix not in endings:
-        raise ValueError(f"{path}: expected a file {', '.join(endings)}, found ending {path.suffix!r}")
+def check_free(arguments: argparse.Namespace, path: Path, loss: str = "") -> None:
+    """Raise ValueError where a file to write is there, without --overwrite; `loss`: what else would go."""
+    if path.is_dir():
+        raise ValueError(f"{path}: expected a file to write, found a folder")
+    if path.exists() and not arguments.overwrite:
+        raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")

@@ -58,6 +58,10 @@ class McapFile:
         self.path, self.stream = path, open_bag(path)
         try:
             with told_at(path, BagError):
+                if (begin := self.stream.read(len(MAGIC))) != MAGIC:
+                    found = "one of another kind" if begin else "an empty file"
+                    raise BagError(f"expected an MCAP file, found {found}")
+                self.stream.seek(0)
                 with told("an MCAP file"):
                     self._reader = SeekingReader(self.stream, validate_crcs=True, record_size_limit=MAX_CHUNK)
                 self._check_end()

@@ -233,8 +233,10 @@ def write_stored(
 
 def check_free(path: Path, *, is_overwriting: bool) -> None:
     """Raise BagError where something is in the place of a map that may not be replaced."""
-    if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
-        raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
+    is_map = (path / FILE_NAME).is_file()
+    if path.exists() and not (is_overwriting and is_map):
+        found = "a map: nothing is overwritten without --overwrite" if is_map else "one: nothing is overwritten"
+        raise BagError(f"{path}: expected no such file or folder, found {found}")
 
 
 def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:

@@ -16,6 +16,7 @@ from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.map_points import Cloud, Datum, cloud_of, geojson, write_laz, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.settings import add_output
 from sphere_nav_tools.offline.tables import progress
 
 Writer = Callable[[MapReader, Path, argparse.Namespace], str]
@@ -40,7 +41,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "map", "MAP", "a map (a folder)", Path)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
+    add_output(parser, "FILE", "file to write", tuple(WRITERS))
     add(parser, "--step", "STEP", "clouds: every how many rows and columns (%(default)s)", int, default=4)
     add(parser, "--max-range", "M", "clouds: farther is left out", float, default=50.0)
     add(
@@ -55,8 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Write the file."""
     output: Path = arguments.output
-    if output.suffix not in WRITERS:
-        raise ValueError(f"{output}: expected a suffix of {', '.join(WRITERS)}, found {output.suffix or 'none'!r}")
     part = output.with_name(output.name + ".part")
     with open_map(arguments.map) as reader:
         count = WRITERS[output.suffix](reader, part, arguments)
@@ -76,7 +75,7 @@ def write_cloud(
 def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
     """Write key spheres and edges on the earth."""
     if not arguments.datum:
-        raise ValueError("map-export: .geojson: expected --datum lat,lon,heading of the map's origin, found none")
+        raise ValueError(".geojson: expected --datum lat,lon,heading of the map's origin, found none")
     path.write_text(geojson(reader.graph, arguments.datum), encoding="utf-8")
     return f"{len(reader.graph)} points, {len(reader.graph.edges)} lines"
 

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "--folder", "DIR", "of recordings, maps and paths (.)", Path, default=Path())
     flag(parser, "--simulator", "with a simulated vehicle, in a ROS domain of its own")
-    gate.add_options(parser, port=8081)
+    gate.add_options(parser, "operate")
     add(parser, "--namespace", "NAMESPACE", "of the vehicle's nodes", default="")
     add(parser, "--image", "TOPIC", "picture to show (%(default)s)", default="image_raw")
     add(parser, "--record", "TOPICS", "to record (cameras, laser, IMU, odometry, tf)", default="")

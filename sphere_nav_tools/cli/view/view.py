@@ -24,10 +24,9 @@ from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, 
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.settings import (
+    add_file,
     add_overwrite,
     add_settings,
-    check_ending,
-    check_free,
     floats,
     read_positive,
     read_size,
@@ -48,20 +47,21 @@ examples:
   sphere_nav view day_and_night --experience night --screenshot night.png
   sphere_nav view kitchen --host 0.0.0.0 --port 9000
 """
-ENDINGS = (".png", ".jpg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "map", "MAP", "map made by `sphere_nav map`", Path)
-    gate.add_options(parser, port=8080)
+    gate.add_options(parser, "view")
     add(parser, "--memory", "MB", "of kept spheres (%(default)g)", read_positive, default=500.0)
     expected = "x,y,z,yaw[,pitch,roll]"
     begin = parser.add_mutually_exclusive_group()
     add(begin, "--pose", expected, "where to begin, m and degrees", floats(expected, 4, 6))
     add(begin, "--sphere", "ID", "begin at a key sphere (the first one)", int)
     add(parser, "--experience", "NAME", "begin with this look of the map, as map-info names it")
-    add(parser, "--screenshot", "F", "write the first view (.png, .jpg) and end", Path)
+    add_file(
+        parser, "--screenshot", metavar="F", told="write the first view (.png, .jpg) and end", endings=(".png", ".jpg")
+    )
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
     add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)
@@ -112,8 +112,6 @@ def camera_for(size: tuple[int, int], fov_deg: float) -> Pinhole:
 def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, arguments: argparse.Namespace) -> None:
     """Write the view from a pose as a picture."""
     output: Path = arguments.screenshot
-    check_ending(output, ENDINGS)
-    check_free(arguments, output)
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")

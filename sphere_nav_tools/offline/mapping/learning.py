@@ -30,7 +30,6 @@ from sphere_nav.ros.maps.writer import MAP_FRAME, MapWriter, Stored, check_free,
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import Experience
-from sphere_nav_tools.offline import settings
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
@@ -45,7 +44,6 @@ ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its 
 
 def learn(arguments: argparse.Namespace) -> int:
     """Map what the bag holds; what is mapped of it stays until the map is complete."""
-    settings.check_free(arguments, arguments.output)
     if arguments.extend and arguments.anchor != "first":
         raise BagError(f"--anchor: expected first, as --extend keeps the frame of its map, found {arguments.anchor}")
     check_free(arguments.output, is_overwriting=arguments.overwrite)

@@ -17,7 +17,7 @@ def test_of_a_file_that_is_no_map_nothing_is_told_to_who_asks(tmp_path, caplog):
         answer = node.endpoints.call("load_map", LoadMap.Request(path=path))
         told.add((answer.success, answer.message))
     assert told == {(False, UNREADABLE)}
-    assert "secret.mcap: expected an MCAP file, found: not a valid MCAP file" in caplog.text
+    assert "secret.mcap: expected an MCAP file, found one of another kind" in caplog.text
     assert (node.maps.reader, node.localizer) == (None, None)
 
 

@@ -111,12 +111,6 @@ def proven(unobserved=()):
     return SimpleNamespace(found=refined, unobserved=unobserved, **figures)
 
 
-def test_a_calibration_is_not_overwritten(tmp_path):
-    (tmp_path / "a.yaml").write_text("mine")
-    with pytest.raises(ValueError, match="expected no such file, found one"):
-        command.run(SimpleNamespace(output=tmp_path / "a.yaml", overwrite=False))
-
-
 def test_a_refined_lens_is_read_by_ros_as_it_was_found():
     found = yaml.safe_load(refine_camera.text_of(proven(), "front", None))
     assert (found["image_width"], found["image_height"], found["camera_name"]) == (64, 48, "front")

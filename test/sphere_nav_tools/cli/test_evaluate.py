@@ -126,3 +126,13 @@ def test_stamps_belong_together_within_ten_milliseconds_and_truth_spans_a_second
     found = evaluate_poses(STRAIGHT, sparse, is_interpolated=True)
     assert found.report["n"] == 10 + 2  # the first gap whole; else what lies on a row
     assert found.report["translation_m"]["max"] < 1e-9
+
+
+def test_one_pair_is_aligned_by_nothing_that_it_is_judged_by():
+    """Any pose fits one other in some frame."""
+    estimate = TRUTH[:1].moved(SE3.exp([3.0, 0, 0, 0, 0, 0.5]))
+    found = evaluate_poses(estimate, TRUTH, alignment="auto").report
+    assert found["translation_m"]["median"] > 0.5
+    assert found["alignment"]["kind"] == "none"
+    with pytest.raises(ValueError, match="--align se3: expected several poses to align by, found one"):
+        evaluate_poses(estimate, TRUTH, alignment="se3")

@@ -1,5 +1,6 @@
 """The gate before the pages: host, origin, token, guesses; over real sockets before a real viser."""
 
+import argparse
 import socket
 import time
 from http import HTTPStatus
@@ -219,3 +220,19 @@ def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):
     with pytest.raises(ValueError, match="operate: expected a viser that websockets serves"):
         make_server(Address("operate", "127.0.0.1", 8991, TOKEN))
     assert len(ends) == 1
+
+
+def address(*words):
+    parser = argparse.ArgumentParser()
+    gate.add_options(parser, "view")
+    return gate.address_of("view", parser.parse_args(words))
+
+
+def test_a_port_that_is_named_is_served_or_refused_before_anything_starts():
+    """Only the usual one may give way to the next."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        for words in (("--port", port), ("--port", "99999"), ("--port", "-1"), ("--host", "300.1.1.1")):
+            with pytest.raises(ValueError, match=f"{words[1]}: expected an address of this machine and a free port"):
+                address(*words)
+    assert (address("--port", port).port, address().port) == (int(port), 8080)

@@ -2,6 +2,7 @@
 
 import argparse
 import types
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli import warm_up
 from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.cli.main import COMMANDS, main
-from sphere_nav_tools.offline.settings import add_settings
+from sphere_nav_tools.offline.settings import add_file, add_output, add_settings
 
 
 @pytest.fixture
@@ -100,6 +101,33 @@ def parse(*words):
     add_settings(parser, "a node")
     add_settings(parser, "another", "--set-other", "other")
     return parser.parse_args([part for option, word in words for part in (option, word)])
+
+
+def test_what_a_command_writes_is_looked_at_before_it_works(stand_in, tmp_path, monkeypatch, capsys):
+    """A file is replaced only when told, a folder never; there must be a place for it, and its ending is known."""
+    done = []
+
+    def declare(parser):
+        add_output(parser, "F", "file", (".png", ".svg"))
+        add_file(parser, "--json", metavar="F", told="file")
+
+    stand_in.add_arguments, stand_in.run = declare, lambda arguments: done.append(arguments.output.name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.png").write_text("mine")
+    (tmp_path / "a.svg").mkdir()
+    for words, expected in {
+        ("there.png",): "there.png: expected no such file, found one: --overwrite replaces it",
+        ("a.png", "--json", "there.png"): "there.png: expected no such file, found one: --overwrite replaces it",
+        ("a.svg", "--overwrite"): "a.svg: expected a file to write, found a folder",
+        ("none/a.png",): "none/a.png: expected a folder to write it into, found no none",
+        ("a.png", "--json", "none/a"): "none/a: expected a folder to write it into, found no none",
+        ("a.txt",): "argument -o/--output: a.txt: expected a file .png, .svg, found ending '.txt' (--help explains)",
+    }.items():
+        with suppress(SystemExit):
+            assert main(["play", "-o", *words]) == 2
+        assert capsys.readouterr().err == f"sphere_nav play: {expected}\n"
+    assert main(["play", "-o", "there.png", "--overwrite"]) == main(["play", "-o", "b.png", "--json", "a.txt"]) == 0
+    assert done == ["there.png", "b.png"]
 
 
 def test_values_are_read_as_yaml():

@@ -42,7 +42,7 @@ def test_misuse_is_one_line_and_a_file_is_kept(capsys, camchain, tmp_path):
     (tmp_path / "rig.yaml").write_text("mine")
     status, _, err = run(capsys, camchain, "-o", tmp_path / "rig.yaml")
     assert status == 2
-    assert "it is not overwritten" in err[0]
+    assert "rig.yaml: expected no such file, found one" in err[0]
     assert run(capsys, camchain, "-o", tmp_path / "rig.yaml", "--overwrite")[0] == 0
 
 

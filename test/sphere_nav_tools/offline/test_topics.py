@@ -107,7 +107,10 @@ def test_bare_geometry_needs_the_height_of_the_camera_and_names_odometry_that_is
     assert "base_link and front on /tf_static, or the height" in find_offer("mcl", finder_of([*one, ODOM])).missing
     assert find_offer("mcl", finder_of([*one, ODOM], mounting="0,0,1,0,0,0")).command
     moving = frames(("odom", "base_link"), is_static=False)
-    moving.add(se3_to_transform(SE3.identity(), SECOND, "base_link", "front"), is_static=True)
+    flat = find_offer("mcl", finder_of(one, mounting="0,0,0.04,0,0,0")).missing
+    assert "height of the camera above base_link" in flat
+    assert "found 0.04 m" in flat
+    moving.add(se3_to_transform(SE3.exp([0, 0, 0.06, 0, 0, 0]), SECOND, "base_link", "front"), is_static=True)
     assert find_offer("mcl", finder_of(one, tree=moving)).command
     assert odometry_of(finder_of(one, tree=moving)) == "/tf (odom to base_link)"
 

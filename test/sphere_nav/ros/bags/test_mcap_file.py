@@ -152,3 +152,10 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_before_memory_is_a
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 23
+
+
+def test_a_file_that_is_no_bag_is_named_so(tmp_path):
+    for content, found in ((b"", "an empty file"), (b"1,2,3\n4,5,6\n", "one of another kind")):
+        (tmp_path / "x.mcap").write_bytes(content)
+        with pytest.raises(BagError, match=f"x.mcap: expected an MCAP file, found {found}"):
+            McapFile(tmp_path / "x.mcap")

@@ -110,7 +110,7 @@ def test_a_leaning_vehicle_begins_where_gravity_has_it(leaning):
 def test_a_map_tells_its_drive_and_holds_what_was_driven(leaning, capsys):
     folder, said = leaning
     assert call("map", folder / "bag", "-o", folder / "map") == 2
-    assert "found one: --overwrite replaces it" in capsys.readouterr().err
+    assert "found a map: nothing is overwritten without --overwrite" in capsys.readouterr().err
     assert said[0].startswith("3 spheres placed, 0 lost, 1 kept, 0 loops closed")
     base, camera = (read_tum(folder / name).T_map_body for name in ("t.tum", "c.tum"))
     np.testing.assert_allclose((base @ T_BASE_CAMERA).matrix, camera.matrix, atol=1e-6)
