@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -72,8 +73,9 @@ class Localizer:
         """Go on by the map, by the last images where it does not fit (M15 section 5.3), else by the prediction."""
         if not (frame.images or frame.depth):
             return self._hold(frame, frame.finding)
-        candidate = find_candidate(self._prior.propose(frame), lambda *how: self._locate(frame, *how), self.references)
-        candidate = self._visual_odometry.verify(frame, candidate, is_trusted=self._states.is_trusted)
+        locate = partial(self._locate, frame)
+        verify = partial(self._visual_odometry.verify, frame, is_trusted=self._states.is_trusted)
+        candidate = find_candidate(self._prior.propose(frame), locate, verify, self.references)
         if not candidate.is_accepted:
             return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)
@@ -95,7 +97,7 @@ class Localizer:
             self._states.refuse(is_lost=not candidate.is_certain)
             return self._report(frame, candidate.finding, candidate)
         self._visual_odometry.start(placed, frame.stamp_ns)
-        finding = self._integrity.confirm(frame, candidate, self._states.state)
+        finding = self._integrity.confirm(frame, candidate, placed, self._states.state)
         self.references.prefetch(candidate.T_map_camera, self._prior.velocity, is_rig=candidate.is_rig)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE, num_images=candidate.num_images)
         return self._report(frame, finding if finding.reason else frame.finding, candidate)

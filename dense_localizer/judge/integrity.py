@@ -151,15 +151,19 @@ class Integrity:
         if sample is not None:
             self._odometry.start(sample)
 
-    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate, state: State) -> Verdict:
-        """Note a candidate accepted in a state; return what is against it: lens, itself, what preceded it, odometry."""
+    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate, placed: PoseCandidate, state: State) -> Verdict:
+        """Note a candidate accepted in a state; return what is against it: lens, itself, what preceded it, odometry.
+
+        `placed`: the same, joined with its prediction.
+        """
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
         self.mask.observe(candidate)
-        sample = _make_sample(frame, candidate)
-        by_odometry = self._odometry.find(sample) if sample else FINE
+        sample, joined = (_make_sample(frame, one) for one in (candidate, placed))
+        defies = candidate.prediction.defies_odometry
+        by_odometry = self._odometry.find(sample, joined, defies_odometry=defies) if sample else FINE
         self.lens.observe(candidate, registration, state)
         findings = self.lens.finding, candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)

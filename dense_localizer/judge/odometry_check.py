@@ -48,19 +48,20 @@ class OdometryCheck:
     def reset(self) -> None:
         """Nothing is known: the stream or the map is another, or an operator has said where the camera is."""
         self._samples = PoseBuffer[OdometrySample]()  # odometry at the stamps of images
+        self._placed: OdometrySample | None = None  # the last image, by all that was known
         self._trusted: OdometrySample | None = None
         self._driven = np.zeros(2)  # m and rad that odometry has driven since the last trusted place
         self._last_odom: SE3 | None = None
         self._is_trusted = self._is_new = False  # new: the last sample may become the trusted one
         self._information = self._score = 0.0
-        self._dispute, self._dispute_since_ns = FINE, 0
+        self._dispute: tuple[Verdict, OdometrySample] | None = None  # what is said of it, the place that began it
         self._growth = np.zeros(6)  # of the covariance of odometry, when the dispute began
         self._compared_ns = 0
 
     def propagate(self, T_odom_camera: SE3 | None, *, is_trusted: bool) -> None:
         """Note odometry at the stamp of an image, placed or not; whether the last one placed is trusted."""
         if is_trusted and self._is_new:
-            self._trusted, self._driven, self._is_new = self._samples[-1][2], np.zeros(2), False
+            self._trusted, self._driven, self._is_new = self._placed, np.zeros(2), False
         self._is_trusted = is_trusted
         if T_odom_camera is not None and self._last_odom is not None:
             self._driven = self._driven + np.array(self._last_odom.distance(T_odom_camera))
@@ -71,39 +72,50 @@ class OdometryCheck:
         self._samples.clear()
         self._is_new = False
         self._information = self._score = 0.0
-        self._dispute = FINE
+        self._dispute = None
         self._check_place(sample)
 
-    def _check_place(self, sample: OdometrySample) -> None:
+    def _check_place(self, sample: OdometrySample, *, defies_odometry: bool = False) -> None:
         """Dispute a place that is not where odometry says the camera has gone since it was last sure.
 
-        Until one is there again, as nearly as odometry knew when the dispute began: it knows less with every metre.
+        Until one is there again, as nearly as odometry knew when the dispute began: it knows less with every metre; and
+        nearer than to the disputed place: an image that is not sure is near to both. A place that defies odometry was
+        refused where odometry expected it: it need not be as far off as others.
         """
-        before = self._trusted
-        if before is None:
+        if self._trusted is None:
             return
-        T_map_camera = before.T_map_camera @ before.T_odom_camera.inverse() @ sample.T_odom_camera
-        if self._dispute is FINE:
+        if self._dispute is None:
             self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
-        covariance = before.covariance + sample.covariance + np.diag(self._growth)
-        squared = squared_distance(T_map_camera, sample.T_map_camera, covariance)
+        squared = self._distance(self._trusted, sample)
         sigmas = float(np.sqrt(squared))
         if squared <= gate(6):
-            self._dispute = FINE
-        elif self._dispute is FINE and sigmas > MAX_ODOMETRY_SIGMAS:
+            if self._dispute is not None and squared < self._distance(self._dispute[1], sample):
+                self._dispute = None
+        elif self._dispute is None and (defies_odometry or sigmas > MAX_ODOMETRY_SIGMAS):
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
-            self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)
-            self._dispute_since_ns = sample.stamp_ns
+            self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail), sample
 
-    def find(self, sample: OdometrySample) -> Verdict:
-        """Note an image that was placed; return how odometry contradicts it."""
-        if self._dispute is not FINE and sample.stamp_ns - self._dispute_since_ns > DISPUTE_S * 1e9:
-            self._dispute, self._trusted = FINE, None  # it has held for long
-        elif self._dispute is not FINE or not self._is_trusted:
-            self._check_place(sample)
-        if self._dispute is not FINE:  # how a wrong place moves says nothing of a delay
+    def _distance(self, before: OdometrySample, sample: OdometrySample) -> float:
+        """Return how far a place is from where odometry says the camera has gone since another one, squared."""
+        T_map_camera = before.T_map_camera @ before.T_odom_camera.inverse() @ sample.T_odom_camera
+        covariance = before.covariance + sample.covariance + np.diag(self._growth)
+        return squared_distance(T_map_camera, sample.T_map_camera, covariance)
+
+    def find(
+        self, sample: OdometrySample, placed: OdometrySample | None = None, *, defies_odometry: bool = False
+    ) -> Verdict:
+        """Note an image that was placed; return how odometry contradicts it.
+
+        `sample`: by the image alone; `placed`: with its prediction, in which odometry may be.
+        """
+        self._placed = placed or sample
+        if self._dispute is not None and sample.stamp_ns - self._dispute[1].stamp_ns > DISPUTE_S * 1e9:
+            self._dispute = self._trusted = None  # it has held for long
+        elif self._dispute is not None or defies_odometry or not self._is_trusted:
+            self._check_place(sample, defies_odometry=defies_odometry)
+        if self._dispute is not None:  # how a wrong place moves says nothing of a delay
             self._is_new = False
-            return self._dispute
+            return self._dispute[0]
         self._samples.append((sample.stamp_ns, sample.T_odom_camera, sample))
         while self._samples and sample.stamp_ns - self._samples[0][0] > (MOTION_INTERVAL_S + 2 * MOTION_SHIFT_S) * 1e9:
             self._samples.popleft()

@@ -23,14 +23,18 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.params import between
 
 Locate = Callable[[Prediction, Tried], PoseCandidate]  # by another experience than those
+Verify = Callable[[PoseCandidate], PoseCandidate]  # by the last images, where the map refuses it
 
 
-def find_candidate(predictions: Iterable[Prediction], locate: Locate, references: References) -> PoseCandidate:
+def find_candidate(
+    predictions: Iterable[Prediction], locate: Locate, verify: Verify, references: References
+) -> PoseCandidate:
     """Return the first accepted candidate; where it is not sure, a better one by local contrast or other experiences.
 
-    What explained an image, an experience by grey levels or by their local contrast, serves until it does no more.
+    What explained an image, an experience by grey levels or by their local contrast, serves until it does no more. What
+    is less likely is tried where neither the map nor the last images fit the likeliest prediction.
     """
-    candidate = select_first_accepted(_locate_each(predictions, locate, references))
+    candidate = select_first_accepted(_locate_each(predictions, locate, verify, references))
     if candidate.acceptance.is_good:
         references.adopt(candidate.choice)
     return candidate
@@ -85,11 +89,15 @@ def is_better(one: PoseCandidate, other: PoseCandidate, references: References) 
     return one.is_accepted and (one_is_sure, one.acceptance.quality) > (other_is_sure, other.acceptance.quality)
 
 
-def _locate_each(predictions: Iterable[Prediction], locate: Locate, references: References) -> Iterator[PoseCandidate]:
+def _locate_each(
+    predictions: Iterable[Prediction], locate: Locate, verify: Verify, references: References
+) -> Iterator[PoseCandidate]:
     """Yield the candidate of each prediction, the likeliest one's by all that may explain the image."""
     for number, prediction in enumerate(predictions):
         candidate = locate(replace(prediction, asks_parts=prediction.asks_parts and number == 0), ())
-        yield _ask_otherwise(candidate, locate, references) if number == 0 or candidate.is_accepted else candidate
+        if number == 0 or candidate.is_accepted:
+            candidate = _ask_otherwise(candidate, locate, references)
+        yield candidate if number else verify(candidate)
 
 
 def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:

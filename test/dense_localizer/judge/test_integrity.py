@@ -74,7 +74,7 @@ def test_who_walks_by_makes_the_map_no_less_certain():
     given = SE3.identity(), np.eye(6), Prediction.guess(SE3.identity()), None, accepted, object()
     for is_biased in [True] * INTEGRITY_PERIOD + [False] * INTEGRITY_PERIOD:
         one = PoseCandidate(*given, images=(is_biased,), is_biased=is_biased, is_by_range=True)
-        integrity.confirm(LocalizerInput(1), one, State.TRACKING)
+        integrity.confirm(LocalizerInput(1), one, one, State.TRACKING)
     assert seen == [(False,)]
 
 

@@ -24,7 +24,7 @@ class Drive:
         self.rng, self.late_s, self.scale = np.random.default_rng(seed), late_s, scale
         self.check, self.k, self.T_odom = OdometryCheck(ERROR), 100, SE3.identity()
 
-    def step(self, *, is_trusted=True, T_error=None):
+    def step(self, *, is_trusted=True, T_error=None, sigma=1.0, defies_odometry=False):
         self.k += 1
         t, before = self.k * STEP_NS * 1e-9, (self.k - 1) * STEP_NS * 1e-9
         moved = (at(before).inverse() @ at(t)).log()
@@ -32,7 +32,10 @@ class Drive:
         self.check.propagate(self.T_odom, is_trusted=is_trusted)
         noise = SE3.exp(self.rng.normal(size=6) * np.sqrt(np.diagonal(COVARIANCE)))
         T_map_camera = at(t - self.late_s) @ noise @ (T_error or SE3.identity())
-        return self.check.find(OdometrySample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom))
+        covariance = sigma**2 * COVARIANCE
+        sample = OdometrySample(self.k * STEP_NS, T_map_camera, covariance, self.T_odom)
+        joined = OdometrySample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom)
+        return self.check.find(sample, joined, defies_odometry=defies_odometry)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.04], ids=["right", "long"])
@@ -94,3 +97,24 @@ def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, i
         found = [check.find(OdometrySample(k * STEP_NS, off, COVARIANCE, SE3.identity())) for k in (3, 198, 204)]
         # for 10 s
         assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]
+
+
+@pytest.mark.parametrize(("meters", "is_disputed"), [(0.4, True), (0.1, False)])
+@pytest.mark.parametrize("defies_odometry", [False, True])
+def test_what_defies_odometry_is_held_to_it_though_the_pose_was_trusted(meters, is_disputed, defies_odometry):
+    """Poses by images alone are not sure here, 0.04 m, those joined with odometry are: these must be far apart."""
+    drive, off = Drive(5), SE3.exp([0.0, meters, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        drive.step(sigma=20.0)
+    found = [drive.step(T_error=off, sigma=20.0, defies_odometry=defies_odometry) for _ in range(3)]
+    assert {one.reason is Reason.ODOM_STALE for one in found} == {is_disputed and defies_odometry}
+
+
+def test_an_image_that_is_not_sure_ends_no_dispute():
+    """It is near to where odometry says, and nearer to the disputed place."""
+    drive, wrong = Drive(6), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        drive.step()
+    assert drive.step(T_error=wrong, defies_odometry=True).reason is Reason.ODOM_STALE
+    assert drive.step(T_error=SE3.exp([0.0, 0.35, 0.0, 0.0, 0.0, 0.0]), sigma=60.0).reason is Reason.ODOM_STALE
+    assert drive.step(T_error=SE3.exp([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]), sigma=60.0).reason is Reason.NONE

@@ -57,6 +57,26 @@ HERE = Prediction.guess(SE3.identity(), is_near=True)
 NOTHING = candidate(-1.0, (), HERE)  # nothing covers the view
 
 
+def keep(candidate):
+    """Stand for last images that say nothing."""
+    return candidate
+
+
+@pytest.mark.parametrize("by_last", [False, True])
+def test_odometry_is_defied_only_where_the_last_images_do_not_fit_it_either(by_last):
+    """An image of repeated texture jumped 0.5 m away from right odometry, and by two more images into TRACKING."""
+    likely, defying = candidate(-1.0, prediction=HERE), candidate(0.9, prediction=HERE)
+    step = candidate(0.1, prediction=HERE)
+    predictions = [HERE, replace(HERE, defies_odometry=True)]
+    found = find_candidate(
+        predictions,
+        lambda how, _: defying if how.defies_odometry else likely,
+        lambda one: step if by_last and one is likely else one,
+        Days(),
+    )
+    assert found is (step if by_last else defying)
+
+
 @pytest.mark.parametrize("serves", [False, True])
 @pytest.mark.parametrize(
     ("first", "other", "is_by_parts", "is_taken"),
@@ -73,7 +93,7 @@ def test_local_contrast_serves_where_grey_levels_are_not_good_and_these_where_it
         asked.append((prediction.by_contrast, prediction.asks_parts, tried))
         return {None: one, not serves: another}[prediction.by_contrast] if not tried else candidate(-1.0, ())
 
-    found = find_candidate([HERE], locate, days)
+    found = find_candidate([HERE], locate, keep, days)
     assert found is (another if is_taken else one)
     assert asked[:2] == [(None, True, ())] + [(not serves, False, ())] * (other is not None)
     assert days.by_contrast is (found.choice.by_contrast if found.acceptance.is_good else None)
@@ -95,7 +115,7 @@ def test_where_grey_levels_are_alike_in_parts_alone_contrast_may_be_in_the_whole
         asked.append(prediction.by_contrast)
         return candidate(-1.0, ()) if tried else one if prediction.by_contrast is None else another
 
-    assert find_candidate([HERE], locate, days) is (another if is_taken else one)
+    assert find_candidate([HERE], locate, keep, days) is (another if is_taken else one)
     assert len(asked) == 1 + is_asked * (1 + (not is_taken))
 
 
@@ -104,7 +124,7 @@ def test_what_resembles_the_map_little_is_looked_at_by_contrast(ncc, serves, is_
     """Grey levels that correlate so have been 0.3 m off in TRACKING, among other cars."""
     days = Days(knows_contrast=True)
     one, another = candidate(0.9, prediction=HERE, by_contrast=serves, ncc=ncc), candidate(0.6, by_contrast=not serves)
-    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days)
+    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, keep, days)
     assert found is (another if is_asked else one)
 
 
@@ -121,7 +141,7 @@ def test_contrast_that_is_accepted_goes_before_grey_levels_that_resemble_the_map
     gray = candidate(0.9, prediction=HERE, ncc=ncc, **{by or "is_by_parts": bool(by)})
     contrast = candidate(0.3, prediction=HERE, by_contrast=True, ncc=0.7)
     asked = {None: contrast if serves else gray, not serves: gray if serves else contrast}
-    found = find_candidate([HERE], lambda how, tried: NOTHING if tried else asked[how.by_contrast], days)
+    found = find_candidate([HERE], lambda how, tried: NOTHING if tried else asked[how.by_contrast], keep, days)
     assert found is (contrast if is_contrast else gray)
 
 
@@ -133,7 +153,7 @@ def test_both_confirm_a_jump_or_do_not(x, reason, is_taken):
     """0.014 m is the standard deviation of both together."""
     days = Days(knows_contrast=True)
     one, another = candidate(0.3, (), HERE, by_contrast=True, reason=reason), candidate(0.7, x=x)
-    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days)
+    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, keep, days)
     assert found is (another if is_taken else one)
 
 
@@ -147,7 +167,7 @@ def test_the_better_of_two_experiences_counts_where_the_first_is_not_good(first,
         asked.append(tried)
         return {0: one, 1: another}.get(len(tried), candidate(-1.0, ()))
 
-    found = find_candidate([HERE], locate, days)
+    found = find_candidate([HERE], locate, keep, days)
     assert found is (another if is_taken else one)
     is_done = first >= 0.5 or other >= 0.5  # a good one costs nothing
     assert asked == [(), ("day",), ("day", "night")][: 1 if first >= 0.5 else 2 if is_done else 3]
@@ -166,7 +186,7 @@ def test_one_experience_after_another_is_asked_until_one_is_good(qualities, expe
         asked.append(tried)
         return candidate(qualities[len(tried)], (10 * len(tried),), HERE) if len(tried) < len(qualities) else NOTHING
 
-    assert find_candidate([HERE], locate, Days()).choice.ids == expected
+    assert find_candidate([HERE], locate, keep, Days()).choice.ids == expected
     assert len(asked) == num_asked
 
 
@@ -178,7 +198,7 @@ def test_others_are_asked_by_contrast_which_knows_no_light():
         found = candidate(-1.0, (10 * len(tried),), HERE, by_contrast=bool(prediction.by_contrast))
         return candidate(0.6, (20,), by_contrast=True) if len(tried) == 2 else found
 
-    assert find_candidate([HERE], locate, days).choice.ids == (20,)
+    assert find_candidate([HERE], locate, keep, days).choice.ids == (20,)
     assert asked == [(None, ()), (True, ()), (True, ("day",)), (True, ("day", "night"))]
     assert (days.adopted, days.by_contrast) == ((20,), True)
 
@@ -195,7 +215,7 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
             else candidate(-1.0, (0,), HERE)
         )
 
-    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], locate, Days()).choice.ids == (10,)
+    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], locate, keep, Days()).choice.ids == (10,)
     assert asked == [(False, ()), (False, ("day",))]
     asked.clear()
 
@@ -203,7 +223,7 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
         asked.append((prediction.defies_odometry, tried))
         return NOTHING if tried or not prediction.defies_odometry else candidate(0.7, (0,), prediction)
 
-    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], fails, Days()).choice.ids == (0,)
+    assert find_candidate([HERE, replace(HERE, defies_odometry=True)], fails, keep, Days()).choice.ids == (0,)
     assert asked == [(False, ()), (True, ())]
     asked.clear()
 
@@ -211,7 +231,7 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
         asked.append(tried)
         return candidate(-1.0, (0,), prediction) if prediction.defies_odometry else NOTHING
 
-    assert not find_candidate([HERE, replace(HERE, defies_odometry=True)], refuses, Days()).is_accepted
+    assert not find_candidate([HERE, replace(HERE, defies_odometry=True)], refuses, keep, Days()).is_accepted
     assert asked == [(), ()]  # of one that is less likely others are not asked
 
 
