@@ -73,9 +73,8 @@ class Localizer:
         """Go on by the map, by the last images where it does not fit (M15 section 5.3), else by the prediction."""
         if not (frame.images or frame.depth):
             return self._hold(frame, frame.finding)
-        locate = partial(self._locate, frame)
         verify = partial(self._visual_odometry.verify, frame, is_trusted=self._states.is_trusted)
-        candidate = find_candidate(self._prior.propose(frame), locate, verify, self.references)
+        candidate = find_candidate(self._prior.propose(frame), partial(self._locate, frame), verify, self.references)
         if not candidate.is_accepted:
             return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)

@@ -19,6 +19,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.shared_files import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
+MESSAGE = "msg_defs/msg/FollowerStatus.msg"
 INTRODUCTION = """\
 # Parameters
 
@@ -108,30 +109,23 @@ def parameters_page(nodes: list[type[ManagedNode]]) -> str:
     return "\n".join(parts)
 
 
-def meanings() -> dict[str, str]:
-    """Return what the message of the follower says of each of its words."""
-    text = (ROOT / "msg_defs" / "msg" / "FollowerStatus.msg").read_text(encoding="utf-8")
-    return {
-        name: meaning.strip()
-        for name, meaning in re.findall(r'^string (\w+) = "\w+" *(?:# *(.*))?$', text, re.MULTILINE)
-    }
+def status_message() -> str:
+    """Return FollowerStatus.msg with the reasons of the follower."""
+    text = (ROOT / MESSAGE).read_text(encoding="utf-8")
+    words = [f'string {r} = "{r}"  # {r.meaning}' for r in path_follower.reasons.StopReason if r]
+    return re.sub(r"(# --- reasons.*\n)(?:string .*\n)*", lambda found: found[1] + "\n".join([*words, ""]), text)
 
 
 def trouble_page() -> str:
     """Return docs/something_is_wrong.md: state, reason and remedy in the words of the nodes."""
-    driven = meanings()
-    images, geometry, follower = (
-        dense_localizer.reasons.REMEDIES,
-        mcl_depth.status.REMEDIES,
-        path_follower.reasons.REMEDIES,
-    )
+    images, geometry = dense_localizer.reasons.REMEDIES, mcl_depth.status.REMEDIES
     lines = [TROUBLE, "| reason | in a map of images | in bare geometry |", "| --- | --- | --- |"]
     for reason in Reason:
         if reason:
             image, bare = images.get(reason, "–"), geometry.get(reason, "–")
             lines.append(f"| `{reason}` | {image} | {'the same' if bare == image else bare} |")
     lines += ["", FOLLOWER, "| reason | meaning | what to do |", "| --- | --- | --- |"]
-    lines += [f"| `{r}` | {driven[r] or '–'} | {remedy} |" for r, remedy in follower.items() if r]
+    lines += [f"| `{r}` | {r.meaning} | {r.remedy} |" for r in path_follower.reasons.StopReason if r]
     return "\n".join([*lines, ""])
 
 
@@ -172,7 +166,7 @@ def files() -> dict[Path, str]:
         "parameters.md": parameters_page(nodes),
         "something_is_wrong.md": trouble_page(),
     }
-    pages |= {ROOT / "docs" / name: text for name, text in docs.items()}
+    pages |= {ROOT / "docs" / name: text for name, text in docs.items()} | {ROOT / MESSAGE: status_message()}
     _, stops, _ = parts_at(ROOT / "docs" / "faults.md", "stops")  # as `benchmarks faults` measured it
     marked = [(ROOT / name, "stops", stops) for name in ("README.md", "docs/on_a_vehicle.md")]
     marked += [(ROOT / "docs" / "path_follower.md", "states and requests", states_table() + "\n")]

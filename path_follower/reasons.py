@@ -3,66 +3,131 @@
 from __future__ import annotations
 
 import enum
+from typing import Self
 
 from path_follower.constants import MIN_POINTS
 from sphere_nav.localization.status import Verdict
 
 
 class StopReason(enum.StrEnum):
-    """The words of FollowerStatus."""
+    """The words of FollowerStatus, where `make docs` writes them: each with its meaning, and what to do."""
+
+    meaning: str
+    remedy: str
+
+    def __new__(cls, word: str, meaning: str = "", remedy: str = "") -> Self:
+        """Make one of its row."""
+        one = str.__new__(cls, word)
+        one._value_, one.meaning, one.remedy = word, meaning, remedy
+        return one
 
     NONE = ""
-    OPERATOR = "OPERATOR"
-    NOT_LOCALISED = "NOT_LOCALISED"
-    LOCALISATION_DEGRADED = "LOCALISATION_DEGRADED"
-    POSE_TIMEOUT = "POSE_TIMEOUT"
-    POSE_SOURCE = "POSE_SOURCE"
-    STATUS_TIMEOUT = "STATUS_TIMEOUT"
-    STATUS_SOURCE = "STATUS_SOURCE"
-    BAD_POSE = "BAD_POSE"
-    POSE_UNCERTAIN = "POSE_UNCERTAIN"
-    POSE_JUMP = "POSE_JUMP"
-    POSE_FROZEN = "POSE_FROZEN"
-    POSE_INCONSISTENT = "POSE_INCONSISTENT"
-    NOT_MOVING = "NOT_MOVING"
-    WRONG_MAP = "WRONG_MAP"
-    OFF_PATH = "OFF_PATH"
-    OBSTACLE = "OBSTACLE"
-    SCAN_TIMEOUT = "SCAN_TIMEOUT"
-    ODOM_TIMEOUT = "ODOM_TIMEOUT"
-    CLOCK_STOPPED = "CLOCK_STOPPED"
-    COMMAND_SOURCE = "COMMAND_SOURCE"
-    COMMAND_GUARD = "COMMAND_GUARD"
-    EMERGENCY_STOP = "EMERGENCY_STOP"
-    END_OF_PATH = "END_OF_PATH"
+    OPERATOR = "OPERATOR", "a call asked for it", "call start"
+    NOT_LOCALISED = (
+        "NOT_LOCALISED",
+        "the localiser is neither TRACKING nor DEGRADED",
+        "wait for TRACKING or call relocalize of the localiser, then call start",
+    )
+    LOCALISATION_DEGRADED = (
+        "LOCALISATION_DEGRADED",
+        "the localiser has been DEGRADED for longer than the limit",
+        "wait for TRACKING, then call start",
+    )
+    POSE_TIMEOUT = (
+        "POSE_TIMEOUT",
+        "no pose for longer than the limit, or an older one",
+        "check the localiser, the topic of the pose and the clocks, then call start",
+    )
+    POSE_SOURCE = (
+        "POSE_SOURCE",
+        "more than one node publishes the pose",
+        "end all publishers of the pose but one, then call start",
+    )
+    STATUS_TIMEOUT = (
+        "STATUS_TIMEOUT",
+        "the localiser's status is older than the limit",
+        "check the localiser and the topic of its status, then call start",
+    )
+    STATUS_SOURCE = (
+        "STATUS_SOURCE",
+        "more than one node publishes the status",
+        "end all publishers of the status but one, then call start",
+    )
+    BAD_POSE = (
+        "BAD_POSE",
+        "pose with a wrong frame, stamp or value",
+        "check the frame and the values of the pose, then call start",
+    )
+    POSE_UNCERTAIN = (
+        "POSE_UNCERTAIN",
+        "the pose's covariance is larger than the limit, or none at all",
+        "wait for a pose that is certain, or call relocalize of the localiser, then call start",
+    )
+    POSE_JUMP = (
+        "POSE_JUMP",
+        "from one pose to the next further than the vehicle can have gone",
+        "check where the localiser thinks the vehicle is, call relocalize, then call start",
+    )
+    POSE_FROZEN = (
+        "POSE_FROZEN",
+        "the pose stands while the vehicle drives",
+        "check the localiser and its camera, call relocalize, then call start",
+    )
+    POSE_INCONSISTENT = (
+        "POSE_INCONSISTENT",
+        "the pose moves or turns otherwise than the vehicle",
+        "check the mounting of camera and wheels in the parameters, relocalize, call start",
+    )
+    NOT_MOVING = (
+        "NOT_MOVING",
+        "the vehicle stands although it is commanded to drive",
+        "check brakes, drive and whoever else limits cmd_vel (or a frozen pose), then call start",
+    )
+    WRONG_MAP = (
+        "WRONG_MAP",
+        "the path was taught in another map than the localiser's",
+        "load the map of the path; after map --extend the frame holds: drop its line '# map_id:'",
+    )
+    OFF_PATH = (
+        "OFF_PATH",
+        "further from the path than the limit",
+        "bring the vehicle onto the path, heading along it, then call start",
+    )
+    OBSTACLE = "OBSTACLE", "something in the swept footprint", "clear the way, then call start"
+    SCAN_TIMEOUT = (
+        "SCAN_TIMEOUT",
+        "obstacle sensing was on and has gone",
+        "check the scanner and its topic, then call start",
+    )
+    ODOM_TIMEOUT = (
+        "ODOM_TIMEOUT",
+        "the wheels' odometry was on and has gone",
+        "check the wheels' odometry and its topic, then call start",
+    )
+    CLOCK_STOPPED = (
+        "CLOCK_STOPPED",
+        "/clock stood still, or went backwards",
+        "check who publishes /clock, then call start",
+    )
+    COMMAND_SOURCE = (
+        "COMMAND_SOURCE",
+        "another node publishes cmd_vel, too",
+        "end all publishers of cmd_vel but one, then call start",
+    )
+    COMMAND_GUARD = (
+        "COMMAND_GUARD",
+        "command_guard lets nothing through, or says nothing any more",
+        "see the log of command_guard, then call start",
+    )
+    EMERGENCY_STOP = "EMERGENCY_STOP", "pressed, or not to be relied on", "release the emergency stop, then call start"
+    END_OF_PATH = (
+        "END_OF_PATH",
+        "the end of the path is reached",
+        "load a path or bring the vehicle to its beginning, then call start",
+    )
 
 
-REMEDIES = {
-    StopReason.NONE: "",
-    StopReason.OPERATOR: "call start",
-    StopReason.NOT_LOCALISED: "wait for TRACKING or call relocalize of the localiser, then call start",
-    StopReason.LOCALISATION_DEGRADED: "wait for TRACKING, then call start",
-    StopReason.POSE_TIMEOUT: "check the localiser, the topic of the pose and the clocks, then call start",
-    StopReason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
-    StopReason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
-    StopReason.STATUS_SOURCE: "end all publishers of the status but one, then call start",
-    StopReason.BAD_POSE: "check the frame and the values of the pose, then call start",
-    StopReason.POSE_UNCERTAIN: "wait for a pose that is certain, or call relocalize of the localiser, then call start",
-    StopReason.POSE_JUMP: "check where the localiser thinks the vehicle is, call relocalize, then call start",
-    StopReason.POSE_FROZEN: "check the localiser and its camera, call relocalize, then call start",
-    StopReason.POSE_INCONSISTENT: "check the mounting of camera and wheels in the parameters, relocalize, call start",
-    StopReason.NOT_MOVING: "check brakes, drive and whoever else limits cmd_vel (or a frozen pose), then call start",
-    StopReason.WRONG_MAP: "load the map of the path; after map --extend the frame holds: drop its line '# map_id:'",
-    StopReason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
-    StopReason.OBSTACLE: "clear the way, then call start",
-    StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
-    StopReason.ODOM_TIMEOUT: "check the wheels' odometry and its topic, then call start",
-    StopReason.CLOCK_STOPPED: "check who publishes /clock, then call start",
-    StopReason.COMMAND_SOURCE: "end all publishers of cmd_vel but one, then call start",
-    StopReason.COMMAND_GUARD: "see the log of command_guard, then call start",
-    StopReason.EMERGENCY_STOP: "release the emergency stop, then call start",
-    StopReason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
-}
+REMEDIES = {reason: reason.remedy for reason in StopReason}
 
 
 class Severity(enum.IntEnum):

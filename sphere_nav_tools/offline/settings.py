@@ -102,8 +102,8 @@ def _budget(text: str) -> Any:
 class FileAction(argparse.Action):
     """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins."""
 
-    def __init__(self, *words: Any, endings: Sequence[str] = (), **more: Any) -> None:
-        super().__init__(*words, type=Path, **more)
+    def __init__(self, option_strings: Sequence[str], dest: str, endings: Sequence[str] = (), **more: Any) -> None:
+        super().__init__(option_strings, dest, type=Path, **more)
         self._endings = endings
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, path: Any, option_string: str | None = None) -> None:
