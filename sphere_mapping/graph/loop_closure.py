@@ -77,7 +77,7 @@ class LoopCloser:
         asked = ((newer_id, [one]) for newer_id, one in chosen.items() if one)
         loops = verify_all(asked, self._load, self._load, run)
         joined |= {(loop.a, loop.b) for loop in loops}
-        is_whole = self._load(ids[0]).camera.is_whole
+        is_whole = bool(ids) and self._load(ids[0]).camera.is_whole
         seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))
         return loops + verify_pairs(seen, self._load, self._load, run)
 

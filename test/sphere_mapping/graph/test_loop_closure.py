@@ -125,3 +125,8 @@ def test_what_the_way_has_passed_does_not_depend_on_how_many_key_spheres_stand_o
     assert sorted(before) == list(range(min(before), newest))
     assert ways.max() <= 11.985 < ways.max() + spacing
     assert 0 not in before
+
+
+def test_a_map_of_nothing_has_no_loops():
+    """The call close_loops may come before the first sphere."""
+    assert LoopCloser(PARAMS, {}.__getitem__).find_all(SphereGraph([], [])) == []
