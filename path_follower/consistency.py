@@ -8,8 +8,9 @@ itself:
     g <- max(0, g + p - d - a)    and    g' <- max(0, g' + d - p - a)
 
 The noise of a pose enters with one sign and leaves with the other at the next one, so that g is how far the pose has
-gone wrong since g was 0, and its standard deviation s is that of these two poses. Where g is beyond max(`RELEVANT`,
-`STOP_SIGMAS` s) it stops, beyond max(`RELEVANT` / 2, `SLOW_SIGMAS` s) it drives slowly
+gone wrong since g was 0, and its standard deviation s is that of these two poses. Poses that follow each other share
+errors of the map, of which their covariances tell, too: s is no more than what the last steps scatter by admits. Beyond
+max(`RELEVANT`, `STOP_SIGMAS` s) g stops, beyond max(`RELEVANT` / 2, `SLOW_SIGMAS` s) the vehicle drives slowly
 (docs/notes/motion_consistency.md).
 """
 
@@ -24,9 +25,11 @@ import numpy as np
 
 from path_follower.constants import (
     COMMAND_ERRORS,
+    LEAST_SCATTER,
     MAX_DEGRADED_TIME,
     MAX_GAP_NS,
     MAX_YAW_DEVIATION,
+    NOISE_STEPS,
     RELEVANT,
     SENSOR_SILENCE,
     SLOW_SIGMAS,
@@ -76,6 +79,7 @@ class Comparison:
         self._sums = np.zeros((2, 3))
         self._begun = np.tile(variance, (2, 1))  # variances of the pose where a sum was last 0
         self._lately: deque[tuple[Pose2, Pose2]] = deque()  # the last steps, measured and expected
+        self._scatter = deque[Array](maxlen=NOISE_STEPS)  # squared differences (3,) of the last steps
         self.share = self.slow_share = 0.0  # the largest sum, of what stops and of what slows down
         self.is_leap = False  # whether the last step went further than expected, by more than what stops
 
@@ -89,7 +93,10 @@ class Comparison:
         allowed = allowance(
             expected, then, now, errors._replace(across=max(errors.across, 2.0 * math.sqrt(variance[2])))
         )
+        self._scatter.append(error**2)
         deviation = np.sqrt(self._begun + variance)
+        if len(self._scatter) == NOISE_STEPS:
+            deviation = np.minimum(deviation, np.sqrt(np.mean(self._scatter, axis=0)) / LEAST_SCATTER)
         self._sums = np.maximum(0.0, self._sums + np.stack([error, -error]) - allowed)
         self._begun = np.where(self._sums > 0.0, self._begun, variance)
         stop = np.maximum(RELEVANT, STOP_SIGMAS * deviation)

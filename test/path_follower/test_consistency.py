@@ -324,3 +324,16 @@ def test_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odome
         largest[factor] = max(shares)
     assert largest[1.0] < 0.75
     assert largest[2.0] > 1.0 or deviation < 0.03  # less than 0.25 m does not stop, however sure
+
+
+@pytest.mark.parametrize(("noise", "stops"), [(0.01, True), (0.06, False)])
+def test_poses_that_scatter_less_than_they_state_are_held_to_what_they_do(noise, stops, monkeypatch):
+    """What all of them share of the map's errors makes no step; what really scatters is allowed as it is stated."""
+    monkeypatch.setattr(f"{__name__}.NOISE", (noise, noise, 0.005))
+    car, stated = Car(has_odometry=True), np.diag(np.square([0.06, 0.06, 0.01]))
+    reasons = [car.step(drift(0, 0), covariance=stated).stop.reason for _ in range(50)]
+    assert set(reasons) == {StopReason.NONE}
+    for _ in range(60):
+        car.age += 0.1
+        reasons.append(car.step(drift(0.0, 0.1), covariance=stated).stop.reason)
+    assert (StopReason.POSE_INCONSISTENT in reasons) == stops
