@@ -99,7 +99,7 @@ def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, i
         assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]
 
 
-@pytest.mark.parametrize(("meters", "is_disputed"), [(0.4, True), (0.1, False)])
+@pytest.mark.parametrize(("meters", "is_disputed"), [(0.4, True), (0.22, True), (0.1, False)])
 @pytest.mark.parametrize("defies_odometry", [False, True])
 def test_what_defies_odometry_is_held_to_it_though_the_pose_was_trusted(meters, is_disputed, defies_odometry):
     """Poses by images alone are not sure here, 0.04 m, those joined with odometry are: these must be far apart."""
