@@ -96,6 +96,7 @@ HIDDEN_LOG_ODDS, LOG_ODDS_RANGE = -9.0, (-12.0, 6.0)  # four images; of a cell t
 # The lens (judge/test_lens_watch): a share by which the image is larger about its centre. Of 550 images of right
 # lenses none alone was 2.8 deviations off; 4 of the mean of all are 6e-5 by chance.
 MAX_SHARE, LENS_SIGMAS = 0.01, 4.0  # beyond both a lens is wrong
+LENS_PIXELS = 2.2  # of the map, a radian from the centre, if that is more: 1.0 off in a map of 768 columns, ideal else
 LENS_NOISE = 0.005  # standard deviation of what a key sphere's errors look like: simulated streets, by day and night
 LENS_SPHERES = 64  # latest key spheres that count; one of INTEGRITY_PERIOD images is asked
 

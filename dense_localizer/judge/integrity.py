@@ -61,7 +61,7 @@ class Integrity:
         self._references, self._map_error, self._params = references, references.error, params
         self._odometry = OdometryCheck(params.prior.odometry_error)
         self.mask = ViewMask(params.registration)
-        self.lens = LensWatch()
+        self.lens = LensWatch(references.pixels_per_radian)
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
 

@@ -14,6 +14,7 @@ from dense_localizer.constants import (
     CORRELATED_CELLS,
     INTEGRITY_PERIOD,
     LENS_NOISE,
+    LENS_PIXELS,
     LENS_SIGMAS,
     LENS_SPHERES,
     MAX_SHARE,
@@ -33,7 +34,9 @@ class LensWatch:
     finding: what is against a lens; covariance (6, 6): of the pose, by what its lenses do to it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pixels_per_radian: float = np.inf) -> None:
+        """`pixels_per_radian`: of the map, which shows no lens more exactly."""
+        self._limit = max(MAX_SHARE, LENS_PIXELS / pixels_per_radian)
         self.reset()
 
     def reset(self) -> None:
@@ -64,9 +67,9 @@ class LensWatch:
             if len(told) > LENS_SPHERES:
                 del told[next(iter(told))]
             share, sigma = fuse(np.array(list(told.values())))
-            is_wrong = abs(share) > max(LENS_SIGMAS * sigma, MAX_SHARE)
+            is_wrong = abs(share) > max(LENS_SIGMAS * sigma, self._limit)
             covariance = max(share**2 - sigma**2, 0.0) * np.outer(one.by_share, one.by_share)
-            self._judged[one.camera] = _name(one.camera, share, sigma) if is_wrong else FINE, covariance
+            self._judged[one.camera] = _name(one.camera, share, sigma, self._limit) if is_wrong else FINE, covariance
         self.finding = next((finding for finding, _ in self._judged.values() if finding.reason), FINE)
         self.covariance = sum((covariance for _, covariance in self._judged.values()), np.zeros((6, 6)))
 
@@ -80,9 +83,9 @@ def fuse(told: Array) -> tuple[float, float]:
     return share, float(np.sqrt(max(spread, 1.0) / np.sum(weight)))
 
 
-def _name(camera: str, share: float, sigma: float) -> Verdict:
+def _name(camera: str, share: float, sigma: float, limit: float) -> Verdict:
     """Return what is told of a lens that is wrong."""
     of = f" of camera {camera}" if camera else ""
     size = f"{100.0 * abs(share):.1f} ± {100.0 * sigma:.1f} % {'longer' if share > 0.0 else 'shorter'}"
     detail = f"the lens{of} is {size} than camera_info says"
-    return Verdict(Reason.BAD_INFO, abs(share), MAX_SHARE, detail, ADVICE)
+    return Verdict(Reason.BAD_INFO, abs(share), limit, detail, ADVICE)

@@ -69,7 +69,9 @@ def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, 
 
 def test_who_walks_by_makes_the_map_no_less_certain():
     seen = []
-    references = SimpleNamespace(error=SimpleNamespace(observe=lambda images, *_: seen.append(images)))
+    references = SimpleNamespace(
+        pixels_per_radian=326.0, error=SimpleNamespace(observe=lambda images, *_: seen.append(images))
+    )
     integrity, accepted = Integrity(references, LocalizerParams()), Acceptance(True, True, FINE, 1.0)
     given = SE3.identity(), np.eye(6), Prediction.guess(SE3.identity()), None, accepted, object()
     for is_biased in [True] * INTEGRITY_PERIOD + [False] * INTEGRITY_PERIOD:

@@ -115,3 +115,14 @@ def test_each_camera_is_judged_by_itself():
     for number in range(100, 164):
         watch.add([Stretch("a", 0.0, 0.003, ALONG)], number)
     assert "camera b is" in watch.finding.detail
+
+
+@pytest.mark.parametrize(
+    ("columns", "share", "is_named"), [(768, 0.017, False), (768, 0.019, True), (2048, 0.0105, True)]
+)
+def test_a_coarse_map_says_less_of_a_lens(columns, share, is_named):
+    """An ideal lens was 1.2 % long in a map of 768 columns."""
+    watch = LensWatch(columns / (2.0 * np.pi))
+    for number in range(50):
+        watch.add([Stretch("", share, 0.0001, ALONG)], number)
+    assert (watch.finding.reason is Reason.BAD_INFO) == is_named
