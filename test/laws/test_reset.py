@@ -108,11 +108,11 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
     "Inputs": (lambda: Inputs(LocalizerParams(), 1e6), "reset", "params pixels_per_radian"),
-    "Integrity": (lambda: Integrity(SimpleNamespace(error=None), LocalizerParams()), "reset",
+    "Integrity": (lambda: Integrity(SimpleNamespace(error=None, pixels_per_radian=326.0), LocalizerParams()), "reset",
                   "references map_error params"),  # the map stays known
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
-    "LensWatch": (LensWatch, "reset", ""),
+    "LensWatch": (LensWatch, "reset", "limit"),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "Localizer": (lambda: Localizer(LocalizerParams(), make_map(Room(), [SE3.identity()], Spherical(64, 32))), "reset",
                   "params references range_support"),

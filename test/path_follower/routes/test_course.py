@@ -39,6 +39,7 @@ def course_of(network, route, pose=None):
     return route, points.T
 
 
+@pytest.mark.slow
 def test_a_joint_bends_no_more_than_what_was_driven(drive, kit):
     """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
     turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)

@@ -17,6 +17,7 @@ from sphere_nav.spheres.sphere import Sphere
 from worlds.rig import vertical_rig
 
 
+@pytest.mark.slow
 def test_a_camera_turned_by_more_than_half_a_degree_is_warned_of(tmp_path, monkeypatch):
     write_rig(tmp_path / "rig.yaml", vertical_rig())
     node = OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
