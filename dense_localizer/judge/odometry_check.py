@@ -86,14 +86,15 @@ class OdometryCheck:
             return
         if self._dispute is None:
             self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
-        squared = self._distance(self._trusted, sample)
-        sigmas = float(np.sqrt(squared))
-        if squared <= gate(6):
-            if self._dispute is not None and squared < self._distance(self._dispute[1], sample):
+        squared, near = self._distance(self._trusted, sample), gate(6)
+        if self._dispute is not None:
+            if squared <= near and squared < self._distance(self._dispute[1], sample):
                 self._dispute = None
-        elif self._dispute is None and (defies_odometry or sigmas > MAX_ODOMETRY_SIGMAS):
+            return
+        sigmas, limit = float(np.sqrt(squared)), float(np.sqrt(near)) if defies_odometry else MAX_ODOMETRY_SIGMAS
+        if sigmas > limit:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
-            self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail), sample
+            self._dispute = Verdict(Reason.ODOM_STALE, sigmas, limit, detail), sample
 
     def _distance(self, before: OdometrySample, sample: OdometrySample) -> float:
         """Return how far a place is from where odometry says the camera has gone since another one, squared."""

@@ -377,7 +377,7 @@ class Mission:
     def _stopped(self, view: FollowerView, now: float) -> None:
         """The follower has stopped by itself, or somebody has stopped it."""
         text = f"{view.reason}: {view.remedy}"
-        if self._is_obstacle(view.reason, now):
+        if self._note_obstacle(view.reason, now):
             advice = f"goes on when it has gone, and looks for another way after {self.params.patience:g} s"
             self._go(WAITING, now, f"{view.reason}: {advice}")
             self._retry_at = now + RETRY
@@ -386,8 +386,8 @@ class Mission:
         else:
             self._go(HELD, now, _to_resume(text))
 
-    def _is_obstacle(self, reason: str, now: float) -> bool:
-        """Return whether an obstacle is what keeps the vehicle here; since when is kept while it gets no farther."""
+    def _note_obstacle(self, reason: str, now: float) -> bool:
+        """Note what keeps the vehicle here, of an obstacle since when it gets no farther; return whether it is one."""
         if reason != StopReason.OBSTACLE:
             self._obstacle = None
         elif self._obstacle is None or self.progress > self._obstacle[1] + ADVANCED:
@@ -465,7 +465,7 @@ class Mission:
         elif self._ending is not None:
             self.reason = failure
         elif request.name == "start" and (why in RETRIED or "no such service" in failure):
-            self._is_obstacle(why, now)
+            self._note_obstacle(why, now)
             self._go(WAITING, now, failure)
             self._retry_at = now + RETRY
         else:

@@ -16,7 +16,7 @@ from sphere_nav_tools.offline.evaluation import (
     report_lines,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag
-from sphere_nav_tools.offline.settings import PICTURES, add_file, add_overwrite, read_positive
+from sphere_nav_tools.offline.settings import PICTURES, FileAction, add_overwrite, read_positive
 from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\
@@ -51,10 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         AUTO,
     )
     add(parser, "--align-by", ("POSES", "TRUTH"), "find the alignment on these", Path, nargs=2)
-    add_file(parser, "--json", metavar="F", told="write all numbers to this file")
-    add_file(
-        parser, "--plot", metavar="F", told="draw top view and errors over time (png, pdf or svg)", endings=PICTURES
-    )
+    add(parser, "--json", "F", "write all numbers to this file", Path, action=FileAction)
+    told = "draw top view and errors over time (png, pdf or svg)"
+    add(parser, "--plot", "F", told, Path, action=FileAction, endings=PICTURES)
     add_overwrite(parser)
     add(parser, "--tolerance", "S", "largest distance of paired stamps in s (0.01)", read_positive, default=0.01)
     flag(parser, "--interpolate", "interpolate the truth at every estimate's stamp")

@@ -13,7 +13,7 @@ from path_follower.routes.network_file import network_path, read_network, to_geo
 from path_follower.routes.planning import Route, plan
 from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline import routes
-from sphere_nav_tools.offline.settings import PICTURES, add_file, add_output, add_overwrite, check_free, floats
+from sphere_nav_tools.offline.settings import PICTURES, FileAction, add_output, add_overwrite, check_free, floats
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -69,7 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add(word, "--closed", "N,N", "edges that are not driven", floats("N,N", 1, 1000), default=())
         add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
     for word in (build, words.choices["show"], way):
-        add_file(word, "--plot", metavar="FILE", told=f"picture to write ({', '.join(PICTURES)})", endings=PICTURES)
+        told = f"picture to write ({', '.join(PICTURES)})"
+        add(word, "--plot", "FILE", told, Path, action=FileAction, endings=PICTURES)
         add_overwrite(word)
 
 

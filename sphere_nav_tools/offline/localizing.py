@@ -7,6 +7,7 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
 from sphere_nav_tools.offline.recorded_camera import patience
-from sphere_nav_tools.offline.settings import add_file, add_output, add_settings, read_pose
+from sphere_nav_tools.offline.settings import FileAction, add_output, add_settings, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     """Declare the arguments that do not depend on what is localised in; `node` is whose parameters `--set` sets."""
     add_output(parser, "TUM", "file of poses to write")
     parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
-    add_file(parser, "--json", metavar="FILE", told="also write the summary as JSON")
+    parser.add_argument("--json", type=Path, action=FileAction, metavar="FILE", help="also write the summary as JSON")
     topics.add_options(parser)
     add_settings(parser, node)
     parser.add_argument(

@@ -100,10 +100,13 @@ def _budget(text: str) -> Any:
 
 
 class FileAction(argparse.Action):
-    """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins."""
+    """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins.
+
+    Its parser has --overwrite, too.
+    """
 
     def __init__(self, option_strings: Sequence[str], dest: str, endings: Sequence[str] = (), **more: Any) -> None:
-        super().__init__(option_strings, dest, type=Path, **more)
+        super().__init__(option_strings, dest, **more)
         self._endings = endings
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, path: Any, option_string: str | None = None) -> None:
@@ -115,16 +118,10 @@ class FileAction(argparse.Action):
         namespace.to_write = [*getattr(namespace, "to_write", ()), path]
 
 
-def add_file(
-    parser: argparse._ActionsContainer, *names: str, metavar: str, told: str, endings: Sequence[str] = (), **more: Any
-) -> None:
-    """Declare a file to write; the parser has --overwrite, too."""
-    parser.add_argument(*names, action=FileAction, metavar=metavar, help=told, endings=endings, **more)
-
-
 def add_output(parser: argparse.ArgumentParser, metavar: str, what: str, endings: Sequence[str] = ()) -> None:
     """Declare the file that a command is for, and --overwrite."""
-    add_file(parser, "-o", "--output", metavar=metavar, told=what, endings=endings, required=True)
+    how: dict[str, Any] = {"action": FileAction, "endings": endings, "type": Path, "metavar": metavar, "help": what}
+    parser.add_argument("-o", "--output", required=True, **how)
     add_overwrite(parser)
 
 

@@ -16,7 +16,7 @@ from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import find_offer
-from sphere_nav_tools.offline.settings import add_file, add_overwrite
+from sphere_nav_tools.offline.settings import FileAction, add_overwrite
 from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -38,7 +38,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "bag", "BAG", "a recording; or a video, or a folder of images", Path)
-    add_file(parser, "--json", metavar="F", told="also write it as JSON")
+    add(parser, "--json", "F", "also write it as JSON", Path, action=FileAction)
     add_overwrite(parser)
     add(parser, "--rig", "F", "rig file of the cameras in the bag", Path)
     topics.add_options(parser)

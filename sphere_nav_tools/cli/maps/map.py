@@ -9,7 +9,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import add_budget, add_file, add_overwrite, add_settings, read_count
+from sphere_nav_tools.offline.settings import FileAction, add_budget, add_overwrite, add_settings, read_count
 from sphere_nav_tools.offline.topic_finder import CAMERAS
 
 HELP = """\
@@ -68,8 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flag(parser, "--no-loops", "do not look for places seen twice")
     add(parser, "--jobs", "N", "processes that stitch and verify loops (%(default)s)", read_count, default=1)
     add(parser, "--scheduler", "ADDRESS", "do that on a Dask cluster", default="")
-    add_file(parser, "--trajectory", metavar="F", told="write the pose of every sphere (TUM)")
-    add_file(parser, "--taught", metavar="F", told="write the vehicle's poses, for path_follower (TUM)")
+    add(parser, "--trajectory", "F", "write the pose of every sphere (TUM)", Path, action=FileAction)
+    add(parser, "--taught", "F", "write the vehicle's poses, for path_follower (TUM)", Path, action=FileAction)
     add_settings(parser, "sphere_mapper")
     add_settings(parser, "sphere_stitcher", "--set-stitcher", "set_stitcher")
 

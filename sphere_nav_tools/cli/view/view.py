@@ -24,7 +24,7 @@ from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, 
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.settings import (
-    add_file,
+    FileAction,
     add_overwrite,
     add_settings,
     floats,
@@ -59,9 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(begin, "--pose", expected, "where to begin, m and degrees", floats(expected, 4, 6))
     add(begin, "--sphere", "ID", "begin at a key sphere (the first one)", int)
     add(parser, "--experience", "NAME", "begin with this look of the map, as map-info names it")
-    add_file(
-        parser, "--screenshot", metavar="F", told="write the first view (.png, .jpg) and end", endings=(".png", ".jpg")
-    )
+    told = "write the first view (.png, .jpg) and end"
+    add(parser, "--screenshot", "F", told, Path, action=FileAction, endings=(".png", ".jpg"))
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
     add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)

@@ -108,6 +108,7 @@ def test_what_defies_odometry_is_held_to_it_though_the_pose_was_trusted(meters, 
         drive.step(sigma=20.0)
     found = [drive.step(T_error=off, sigma=20.0, defies_odometry=defies_odometry) for _ in range(3)]
     assert {one.reason is Reason.ODOM_STALE for one in found} == {is_disputed and defies_odometry}
+    assert all(one.value > one.limit for one in found if one.reason)
 
 
 def test_an_image_that_is_not_sure_ends_no_dispute():

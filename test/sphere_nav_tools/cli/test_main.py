@@ -12,7 +12,7 @@ from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli import warm_up
 from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.cli.main import COMMANDS, main
-from sphere_nav_tools.offline.settings import add_file, add_output, add_settings
+from sphere_nav_tools.offline.settings import FileAction, add_output, add_settings
 
 
 @pytest.fixture
@@ -109,7 +109,7 @@ def test_what_a_command_writes_is_looked_at_before_it_works(stand_in, tmp_path, 
 
     def declare(parser):
         add_output(parser, "F", "file", (".png", ".svg"))
-        add_file(parser, "--json", metavar="F", told="file")
+        add(parser, "--json", "F", "file", Path, action=FileAction)
 
     stand_in.add_arguments, stand_in.run = declare, lambda arguments: done.append(arguments.output.name)
     monkeypatch.chdir(tmp_path)
