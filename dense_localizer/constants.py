@@ -68,9 +68,10 @@ ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_AGREEMENT_LEAD = 0.2, 0.05
-MAX_INNOVATION, GOOD_INNOVATION = 8.0, 5.6  # standard deviations from the prediction; 7e-12, 2e-5 by chance
+MAX_INNOVATION = 5.6  # standard deviations from the prediction; 2e-5 by chance
+NUM_INNOVATIONS, INNOVATION_RATE = 10, 1e-6  # latest images that together are no nearer to their predictions; by chance
 GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
-MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
+MAX_ATTITUDE_SIGMA_RAD = 0.035  # largest standard deviation of the attitude
 MAX_BIAS, GOOD_BIAS = 5.0, 0.5  # of the largest deviation, by an occlusion: a fifth of it at most was left
 NOTABLE_GAIN, NOTABLE_OFFSET = 2.0, 50.0  # of the light, either way; grey levels: the likely cause of outliers
 NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region: the same

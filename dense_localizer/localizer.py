@@ -104,7 +104,7 @@ class Localizer:
     def _hold(self, frame: LocalizerInput, finding: Verdict, refused: PoseCandidate | None = None) -> CameraEstimate:
         """Go on from the prediction, for a while."""
         prediction = self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
-        self._prior.hold(prediction, frame.T_odom_camera)
+        self._prior.hold(prediction, frame.T_odom_camera, is_refused=refused is not None)
         is_blind = prediction.blind_s > self.params.state.max_blind_s
         self._states.refuse(is_lost=is_blind or not prediction.is_certain)
         if not self._states.is_following:

@@ -10,7 +10,6 @@ was localized? Key spheres err against one another, so that this uncertainty gro
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from dense_localizer.constants import (
     EDGE_ERROR,
     GAP_PERIODS,
     GAP_S,
-    GOOD_INNOVATION,
+    MAX_INNOVATION,
     MAX_POSITION_SIGMA_M,
     MIN_EDGE_M,
     NUM_PERIODS,
@@ -102,16 +101,10 @@ class Prediction:
         """Return the pose, and its covariance, that a measured one and this one make together.
 
         Both err with the map, nobody knows how much alike: their information is shared out (covariance intersection),
-        so that the result is right for whatever they have in common. Where they cannot be one, the measured pose stays,
-        and the way between both is added to its covariance: the next image is not held to a motion that may never have
-        been. What is not trusted adds nothing: on probation, images have to agree by themselves.
+        so that the result is right for whatever they have in common. What is not trusted adds nothing: on probation,
+        images have to agree by themselves.
         """
-        if self.is_guess:
-            return T_map_camera, covariance
-        if self.distance(T_map_camera, covariance) > GOOD_INNOVATION:
-            xi = (self.T_map_camera.inverse() @ T_map_camera).log()
-            return T_map_camera, covariance + np.outer(xi, xi)
-        if not self.is_trusted:
+        if self.is_guess or not self.is_trusted:
             return T_map_camera, covariance
         measured, predicted = scaled_inverse(covariance), scaled_inverse(self.covariance)
         share = share_out(measured, predicted)
@@ -157,6 +150,7 @@ class PosePrior:
         self._confirmed_ns = 0  # stamp of the last alignment with the map
         self._T_odom_aligned: SE3 | None = None
         self._T_odom_held: SE3 | None = None
+        self._defies_odometry = False  # an image has refused what odometry said, no other one what did without it
         self._periods_s: deque[float] = deque(maxlen=NUM_PERIODS)
 
     @property
@@ -170,6 +164,7 @@ class PosePrior:
 
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
+        self._defies_odometry = False
         self.velocity = self.velocity_covariance = None
         self._noise, self._confirmed_ns = covariance, stamp_ns
         self._count_period(stamp_ns)
@@ -197,24 +192,25 @@ class PosePrior:
         steps = step_s, max_step_s, blind_s
         return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth)
 
-    def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
-        """Yield predictions, the likeliest first: by odometry or velocity; without odometry, as it may be wrong.
+    def propose(self, frame: LocalizerInput) -> Prediction:
+        """Return the prediction of an instant: by odometry or velocity, whichever served the last image.
 
-        The rotation since the last image (M15 eq. 20) is measured where the images do not support a predicted motion.
+        Where an image has refused one, the next is tried with the other: odometry may be wrong. The rotation since the
+        last image (M15 eq. 20) is measured where the images do not support a predicted motion.
         """
-        stamp_ns, T_odom_camera = frame.stamp_ns, frame.T_odom_camera
-        T_held_now = self._motion(self.pause_s(stamp_ns), T_odom_camera)
+        T_odom_camera = None if self._defies_odometry else frame.T_odom_camera
+        T_held_now = self._motion(self.pause_s(frame.stamp_ns), T_odom_camera)
         T_before_now = self._inter_frame.refine(frame.images, T_held_now) if self._inter_frame else None
-        yield self.predict(stamp_ns, T_odom_camera, T_before_now)
-        if T_odom_camera is not None:
-            yield replace(self.predict(stamp_ns), defies_odometry=True)
+        prediction = self.predict(frame.stamp_ns, T_odom_camera, T_before_now)
+        return replace(prediction, defies_odometry=frame.T_odom_camera is not None and self._defies_odometry)
 
     def pause_s(self, stamp_ns: int) -> float:
         """Return the seconds since the last image."""
         return (stamp_ns - self._held.stamp_ns) * 1e-9 if self._held is not None else 0.0
 
-    def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None) -> None:
-        """Go on from the prediction: the image could not be aligned."""
+    def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None, *, is_refused: bool = False) -> None:
+        """Go on from the prediction: the image could not be aligned, or its alignment was refused."""
+        self._defies_odometry = is_refused and not self._defies_odometry
         self._count_period(prediction.stamp_ns)
         self._held, self._T_odom_held = prediction, T_odom_camera
         self.drift.propagate(prediction.T_map_camera)
@@ -236,6 +232,9 @@ class PosePrior:
         """
         noise = covariance if noise is None else noise
         before = self._aligned
+        if self._defies_odometry and before is not None:
+            by_odometry = self.predict(stamp_ns, T_odom_camera)
+            self._defies_odometry = by_odometry.distance(T_map_camera, covariance) > MAX_INNOVATION
         if before is not None and stamp_ns > before.stamp_ns:
             elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
             self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s

@@ -16,7 +16,6 @@ from dense_localizer.constants import (
     GOOD_AGREEMENT_LEAD,
     GOOD_BIAS,
     GOOD_INLIER_SHARE,
-    GOOD_INNOVATION,
     GOOD_NCC_LEAD,
     GOOD_OVERLAP,
     GOOD_RANGE_AGREEMENT,
@@ -210,20 +209,13 @@ def _check_pose(T_map_camera: SE3, covariance: Array, prediction: Prediction, pa
 
     From a guess every jump is allowed.
     """
-    certainty = _check_certainty(covariance, params)
     distance = 0.0 if prediction.is_guess else prediction.distance(T_map_camera, covariance)
-    is_far = distance > GOOD_INNOVATION
-    if is_far or not _conclude(certainty).is_good:  # joining costs as much as all these checks
-        certainty = _check_certainty(prediction.join(T_map_camera, covariance)[1], params)
-    if prediction.is_guess:
+    if distance > MAX_INNOVATION:
+        return [Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, 0.0, "standard deviations from prediction")]
+    certainty = _check_certainty(covariance, params)
+    if _conclude(certainty).is_good:  # joining costs as much as all these checks
         return certainty
-    if is_far:
-        detail = "{}: far from the prediction, it may have slipped"
-        certainty = [
-            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail)) for check in certainty
-        ]
-    detail = "standard deviations from prediction"
-    return [Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, GOOD_INNOVATION, detail), *certainty]
+    return _check_certainty(prediction.join(T_map_camera, covariance)[1], params)
 
 
 def _conclude(checks: Sequence[Check]) -> Acceptance:

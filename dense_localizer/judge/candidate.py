@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,15 +84,3 @@ class PoseCandidate:
     def ncc(self) -> float:
         """How well the references explain the image, -1...1."""
         return self.alignment.ncc if self.alignment is not None and not self.is_by_range else -1.0
-
-
-def select_first_accepted(candidates: Iterable[PoseCandidate]) -> PoseCandidate:
-    """Return the first candidate that is accepted, none beyond it is made; where none is, the first."""
-    first: PoseCandidate | None = None
-    for candidate in candidates:
-        if candidate.is_accepted:
-            return candidate
-        first = first or candidate
-    if first is None:
-        raise ValueError("candidates: expected at least one, found none")
-    return first

@@ -7,6 +7,7 @@ Not every check is due for each image, but all while the pose is not trusted: do
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,9 +18,11 @@ from dense_localizer.constants import (
     CORRELATED_CELLS,
     FIT_PHASE,
     FULL_CHECK_NCC,
+    INNOVATION_RATE,
     INTEGRITY_PERIOD,
     MAP_PHASE,
     MIN_VISIBLE_SHARE,
+    NUM_INNOVATIONS,
     OCCLUSION_PHASE,
     REMAINING_BIAS,
 )
@@ -32,6 +35,7 @@ from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
@@ -64,6 +68,7 @@ class Integrity:
         self.lens = LensWatch(references.pixels_per_radian)
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
+        self._innovations: deque[float] = deque(maxlen=NUM_INNOVATIONS)  # squared, of images from their predictions
 
     def reset(self) -> None:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
@@ -71,6 +76,7 @@ class Integrity:
         self.mask.reset()
         self.lens.reset()
         self._count, self._is_biased, self._is_refused = 0, False, False
+        self._innovations.clear()
 
     def begin(self, frame: LocalizerInput, state: State) -> None:
         """Note odometry, whatever becomes of the image; `state` is what the image before has led to."""
@@ -147,6 +153,7 @@ class Integrity:
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""
         self._is_refused = False
+        self._innovations.clear()
         sample = _make_sample(frame, candidate)
         if sample is not None:
             self._odometry.start(sample)
@@ -165,8 +172,21 @@ class Integrity:
         defies = candidate.prediction.defies_odometry
         by_odometry = self._odometry.find(sample, joined, defies_odometry=defies) if sample else FINE
         self.lens.observe(candidate, registration, state)
-        findings = self.lens.finding, candidate.finding, candidate.prediction.finding, by_odometry
+        by_prediction = candidate.prediction.finding, self._compare(candidate)
+        findings = self.lens.finding, candidate.finding, *by_prediction, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
+
+    def _compare(self, candidate: PoseCandidate) -> Verdict:
+        """Say whether the latest images together are farther from where they were expected than their covariances say.
+
+        Each alone may be, but not all of them: what is aligned is not the map, or what was expected is wrong.
+        """
+        self._innovations.append(candidate.prediction.distance(candidate.T_map_camera, candidate.covariance) ** 2)
+        squared, limit = sum(self._innovations), gate(6 * len(self._innovations), INNOVATION_RATE)
+        if squared <= limit:
+            return FINE
+        detail = f"squared deviation of {len(self._innovations)} images from their predictions"
+        return Verdict(Reason.JUMP_REJECTED, squared, limit, detail)
 
 
 def align_by_parts(

@@ -88,7 +88,9 @@ class OdometryCheck:
             self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
         squared, near = self._distance(self._trusted, sample), gate(6)
         if self._dispute is not None:
-            if squared <= near and squared < self._distance(self._dispute[1], sample):
+            told = self._placed or sample
+            squared = self._distance(self._trusted, told)
+            if squared <= near and squared < self._distance(self._dispute[1], told):
                 self._dispute = None
             return
         sigmas, limit = float(np.sqrt(squared)), float(np.sqrt(near)) if defies_odometry else MAX_ODOMETRY_SIGMAS

@@ -101,14 +101,15 @@ class PoseSearch:
         """Return a pose and others about it; parts of each image are asked of another one, the pose itself first.
 
         It is one of them, as in another light grey levels that fit nowhere lead away from it; then it is tried by local
-        contrast, too.
+        contrast with every other image.
         """
-        near = [T_map_guess, *self._startup.propose_near(frame.images[self._num_near % len(frame.images)], T_map_guess)]
-        asked, self._num_near = self._num_near % len(near), self._num_near + 1
+        number, self._num_near = self._num_near, self._num_near + 1
+        near = [T_map_guess, *self._startup.propose_near(frame.images[number % len(frame.images)], T_map_guess)]
         guesses = [Prediction.guess(pose, is_near=True) for pose in near]
-        guesses = [replace(guess, asks_parts=number == asked) for number, guess in enumerate(guesses)]
-        is_gray = self._references.knows_contrast and not self._references.by_contrast
-        return guesses + [replace(guesses[0], asks_parts=True, by_contrast=True)] * is_gray
+        guesses = [replace(guess, asks_parts=one == number % len(near)) for one, guess in enumerate(guesses)]
+        if number % 2 == 0 and self._references.knows_contrast and not self._references.by_contrast:
+            guesses[0] = replace(guesses[0], asks_parts=True, by_contrast=True)
+        return guesses
 
     def _propose_anywhere(self, frame: LocalizerInput) -> list[Prediction]:
         """Return poses of an upright camera, of one in another light, of a turned one: in turn, each camera by each.

@@ -113,12 +113,11 @@ class Startup:
 
     def propose_near(self, seen: RigImage, T_map_body: SE3) -> list[SE3]:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
-        guesses, T_map_camera = [], seen.pose(T_map_body)
-        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
-            guesses.append(Guess(node, T_map_camera))
-            place = node.T_map_sphere @ find_attitude(seen, self._references.ground)
-            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, place.translation)))
-        return self._refine(seen, guesses)
+        T_map_camera, attitude = seen.pose(T_map_body), find_attitude(seen, self._references.ground)
+        nodes = self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M)
+        places = [(node.T_map_sphere @ attitude).translation for node in nodes]
+        there = [SE3.from_parts(T_map_camera.rotation, place) for place in places]
+        return self._refine(seen, list(map(Guess, nodes[:1] + nodes, [T_map_camera, *there])))
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return the best of several poses in a sphere, with how much the image resembles it there."""

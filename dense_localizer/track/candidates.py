@@ -5,36 +5,31 @@ Each is an alignment to the references chosen for a prediction (M15 eq. 19), fro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from dense_localizer.constants import CONTRAST_COVARIANCE, NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
-from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
+from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import Choice, References, RigChoice
-from sphere_nav.estimation.gates import gate, squared_distance
-from sphere_nav.localization.status import Reason
 from sphere_nav.photometric import Alignment, Pyramid
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.params import between
 
 Locate = Callable[[Prediction, Tried], PoseCandidate]  # by another experience than those
-Verify = Callable[[PoseCandidate], PoseCandidate]  # by the last images, where the map refuses it
+Verify = Callable[[PoseCandidate], PoseCandidate]  # by the last images, where the map refuses it; by odometry
 
 
-def find_candidate(
-    predictions: Iterable[Prediction], locate: Locate, verify: Verify, references: References
-) -> PoseCandidate:
-    """Return the first accepted candidate; where it is not sure, a better one by local contrast or other experiences.
+def find_candidate(prediction: Prediction, locate: Locate, verify: Verify, references: References) -> PoseCandidate:
+    """Return the candidate of a prediction; where it is not sure, a better one by local contrast or other experiences.
 
-    What explained an image, an experience by grey levels or by their local contrast, serves until it does no more. What
-    is less likely is tried where neither the map nor the last images fit the likeliest prediction.
+    What explained an image, an experience by grey levels or by their local contrast, serves until it does no more.
     """
-    candidate = select_first_accepted(_locate_each(predictions, locate, verify, references))
+    candidate = verify(_ask_otherwise(locate(prediction, ()), locate, references))
     if candidate.acceptance.is_good:
         references.adopt(candidate.choice)
     return candidate
@@ -70,34 +65,19 @@ def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
     """Whether a candidate by local contrast serves where one by grey levels is not good, or the other way round.
 
     Grey levels that resemble the map little are surer than they may be: local contrast that is accepted goes before
-    them. Not where both have the pose jump to one place: they confirm the jump, and the care that it asks for.
+    them.
     """
     if not (candidate.is_accepted and other.is_accepted):
         return other.is_accepted
     gray = candidate if other.choice.by_contrast else other
     is_doubtful = gray.ncc < SURE_GRAY_NCC and not (gray.is_by_parts or gray.is_by_range)
-    if not (other.choice.by_contrast if is_doubtful else other.acceptance.is_good):
-        return False
-    both = candidate.covariance + other.covariance
-    is_there = squared_distance(candidate.T_map_camera, other.T_map_camera, both) <= gate(6)
-    return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
+    return other.choice.by_contrast if is_doubtful else other.acceptance.is_good
 
 
 def is_better(one: PoseCandidate, other: PoseCandidate, references: References) -> bool:
     """Whether a candidate is accepted, and more surely than another one."""
     one_is_sure, other_is_sure = (is_sure(some, references) for some in (one, other))
     return one.is_accepted and (one_is_sure, one.acceptance.quality) > (other_is_sure, other.acceptance.quality)
-
-
-def _locate_each(
-    predictions: Iterable[Prediction], locate: Locate, verify: Verify, references: References
-) -> Iterator[PoseCandidate]:
-    """Yield the candidate of each prediction, the likeliest one's by all that may explain the image."""
-    for number, prediction in enumerate(predictions):
-        candidate = locate(replace(prediction, asks_parts=prediction.asks_parts and number == 0), ())
-        if number == 0 or candidate.is_accepted:
-            candidate = _ask_otherwise(candidate, locate, references)
-        yield candidate if number else verify(candidate)
 
 
 def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:

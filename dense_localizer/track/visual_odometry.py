@@ -97,8 +97,12 @@ class VisualOdometry:
     def verify(self, frame: LocalizerInput, by_map: PoseCandidate, *, is_trusted: bool) -> PoseCandidate:
         """Return the candidate of the map; where it is refused, that of the last images.
 
-        Only a pose that `is_trusted` is propagated by images; else the refused candidate is returned.
+        Only a pose that `is_trusted` is propagated by images; else the refused candidate is returned. Odometry is
+        defied by a whole view only: one that shows the map in parts may show another place in the others.
         """
+        if by_map.prediction.defies_odometry:
+            is_whole = not (by_map.is_biased or by_map.is_by_parts)
+            return by_map if is_whole else by_map.refuse(by_map.prediction.finding)
         if by_map.is_accepted or not is_trusted:
             return by_map
         return self._propagate(frame.images, by_map.prediction, by_map.finding) or by_map

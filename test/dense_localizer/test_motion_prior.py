@@ -57,7 +57,7 @@ def test_a_start_stands_still_and_is_unsure():
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
-    assert len(list(prior.propose(LocalizerInput(STEP_NS)))) == 1  # what moves may stand, too
+    assert_same(prior.propose(LocalizerInput(STEP_NS)).T_map_camera, poses(1)[0])
     # 5 m/s, 1 rad/s, and the acceleration of 0.1 s
     sigmas = np.repeat([0.5 + 0.5 * PARAMS.acceleration * 0.01, 0.1 + 0.5 * PARAMS.angular_acceleration * 0.01], 3)
     np.testing.assert_allclose(np.diagonal(prediction.covariance), np.diagonal(TIGHT) + sigmas**2)
@@ -111,15 +111,49 @@ def test_odometry_from_before_a_pose_was_found_anew_moves_it_no_more():
     assert_same(prior.predict(5 * STEP_NS, T_odom_camera=truth[1]).T_map_camera, truth[5])
 
 
-def test_wheels_that_may_be_wrong_are_tried_without_once_the_likeliest_fails():
-    prior, truth = moving(Rotations())
+def test_what_an_image_has_refused_is_not_tried_with_the_next_one():
+    """Wheels may be wrong: by velocity until odometry is right again, or that has failed, too."""
+    prior, truth = moving()
+    stuck, moved = SE3.identity(), MOTION @ MOTION @ MOTION
+    prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=stuck)
+
+    def propose(number, T_odom_camera=stuck):
+        return prior.propose(LocalizerInput(number * STEP_NS, T_odom_camera=T_odom_camera))
+
+    def refuse(number):
+        prior.hold(prior.predict(number * STEP_NS, stuck), stuck, is_refused=True)
+
+    assert not propose(2).defies_odometry
+    assert_same(propose(2).T_map_camera, truth[1])
+    refuse(2)
+    assert propose(3).defies_odometry
+    assert_same(propose(3).T_map_camera, truth[2])
+    prior.correct(truth[3], TIGHT, 3 * STEP_NS, T_odom_camera=stuck)
+    assert propose(4).defies_odometry  # it serves, and odometry is as wrong as before
+    refuse(4)
+    assert not propose(5).defies_odometry  # neither of both: in turn
+    refuse(5)
+    prior.correct(truth[3] @ moved, TIGHT, 6 * STEP_NS, T_odom_camera=moved)
+    assert not propose(7, moved @ MOTION).defies_odometry  # it says what the image has found
+
+
+def test_an_image_that_nobody_could_see_says_nothing_against_odometry():
+    prior, truth = moving()
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
-    predictions = prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION))
-    likeliest, by_velocity = predictions
-    assert_same(likeliest.T_map_camera, truth[2])
-    assert by_velocity.finding.reason == "ODOM_STALE"
-    assert likeliest.finding.reason == ""
-    assert replace(likeliest, step_s=0.5).finding.reason == "GAP"
+    prior.hold(prior.predict(2 * STEP_NS, MOTION), MOTION)
+    prediction = prior.propose(LocalizerInput(3 * STEP_NS, T_odom_camera=MOTION @ MOTION))
+    assert not prediction.defies_odometry
+    assert_same(prediction.T_map_camera, truth[3])
+
+
+def test_a_start_trusts_odometry_again_and_a_gap_is_named():
+    prior, truth = moving()
+    prior.hold(prior.predict(2 * STEP_NS), SE3.identity(), is_refused=True)
+    prior.start(truth[2], TIGHT, 2 * STEP_NS, SE3.identity())
+    prediction = prior.propose(LocalizerInput(3 * STEP_NS, T_odom_camera=MOTION))
+    assert not prediction.defies_odometry
+    assert prediction.finding.reason == ""
+    assert replace(prediction, step_s=0.5).finding.reason == "GAP"
 
 
 def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
@@ -127,7 +161,7 @@ def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
     rotations = Rotations(refined=turn)
     prior, truth = moving(rotations)
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
-    first = next(prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION)))
+    first = prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION))
     assert_same(rotations.motions[0], MOTION)
     expected = truth[1] @ SE3.from_parts(turn.rotation, MOTION.translation)
     assert_same(first.T_map_camera, expected)

@@ -64,15 +64,16 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
     search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
     assert tried[0].T_map_camera is given
     assert len(tried) > 1
-    assert [bool(one.by_contrast) for one in tried] == [False] * (len(tried) - 1) + [True]
+    assert [bool(one.by_contrast) for one in tried] == [True] + [False] * (len(tried) - 1)
     references.close()
 
 
-def test_a_given_pose_is_asked_by_contrast_too(asked):
+def test_a_given_pose_is_asked_by_contrast_and_by_grey_levels_in_turn(asked):
     search, ask = asked
     search.request(at(0.3))
-    (tried,) = ask(1, 0.0)
-    assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == 1
+    rounds = ask(3, 0.1)
+    assert [tried[0].by_contrast for tried in rounds if tried[0].is_near] == [True, None]
+    assert rounds[0][0].asks_parts
 
 
 @pytest.mark.parametrize(("away_m", "is_refused"), [(9.9, False), (10.1, True)])

@@ -104,7 +104,7 @@ class Track:
         image = self.room.photograph(PINHOLE, pose, self.k)
         seen = RigImage(build_pyramid(image.astype(np.uint8), PINHOLE))
         frame = LocalizerInput(self.k * STEP_NS, images=(seen,))
-        by_map = change(locate((seen,), self.references, LOCALIZER, next(self.prior.propose(frame))))
+        by_map = change(locate((seen,), self.references, LOCALIZER, self.prior.propose(frame)))
         found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
         if found.is_accepted:
             self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
@@ -151,6 +151,21 @@ def test_images_alone_place_what_is_trusted_and_recent_for_a_stated_way(track):
     assert "by the last images alone for 0.1 m of 0.1" in found[2].finding.detail
     track.visual_odometry.reset()
     assert not track.visual_odometry.is_needed
+
+
+@pytest.mark.parametrize(
+    ("seen", "is_believed"), [({}, True), ({"is_by_parts": True}, False), ({"is_biased": True}, False)]
+)
+def test_odometry_is_defied_by_a_whole_view_alone(track, seen, is_believed):
+    """A view of repeated texture, right in its middle, came to 0.5 m off right odometry, and into TRACKING."""
+
+    def defy(by_map):
+        return replace(by_map, prediction=replace(by_map.prediction, defies_odometry=True), **seen)
+
+    _, found = track.see(at(0.08), defy)
+    assert (found.is_accepted, found.is_by_map) == (is_believed, True)
+    assert is_believed or found.finding.reason == "ODOM_STALE"
+    assert not track.see(at(0.1), lambda by_map: defy(hidden(by_map)))[1].is_accepted  # nor by images alone
 
 
 def test_images_alone_place_who_stands_for_a_minute(track):
