@@ -209,7 +209,7 @@ def read_bag(path: str | Path, wanted: Sequence[str] | None = None) -> Iterator[
 def read_images(path: str | Path, **options: str) -> Iterator[tuple[int, Bytes, CameraModel]]:
     """Yield stamp_ns, RGB image (H, W, 3) and camera of the images of one camera of a bag.
 
-    `options` are those of `sphere_nav view --bag`, such as image="/front/image_raw"; else the only camera is taken.
+    `options` choose topics as those of commands, such as image="/front/image_raw"; else the only camera is taken.
     """
     parser = argparse.ArgumentParser(prog="read_images", exit_on_error=False)
     topics.add_options(parser, has_cameras=False)

@@ -1,4 +1,4 @@
-"""A map for other tools: points of all key spheres with normals and colours (.ply, .laz), and where on the earth.
+"""A map for other tools: points of all key spheres with normals and colours (.ply), and where on the earth.
 
 GeoJSON (RFC 7946) has key spheres and edges, given where the origin of the map is.
 """
@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
@@ -53,25 +52,6 @@ def write_ply(path: Path, clouds: list[Cloud]) -> int:
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
     head += [f"property {'uchar' if name in COLORS else 'float'} {name}" for name in POINT.names or ()] + ["end_header"]
     path.write_bytes(("\n".join(head) + "\n").encode() + table.tobytes())
-    return len(table)
-
-
-def write_laz(path: Path, clouds: list[Cloud]) -> int:
-    """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
-    table = np.concatenate(clouds)
-    places = np.stack([table[axis] for axis in "xyz"])
-    header = laspy.LasHeader(version="1.4", point_format=7)
-    header.scales = np.full(3, 0.001)  # m, step of coordinates
-    header.offsets = np.floor(places.min(axis=1)) if len(table) else np.zeros(3)
-    header.add_extra_dims([laspy.ExtraBytesParams(f"Normal{axis}", "f4") for axis in "XYZ"])
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = places.astype(np.float64)
-    for axis in "xyz":
-        las[f"Normal{axis.upper()}"] = table[f"n{axis}"]
-    for name in COLORS:
-        las[name] = table[name].astype(np.uint16) * 257  # 255 becomes 65535
-    with path.open("wb") as file:
-        las.write(file, do_compress=True)
     return len(table)
 
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav_tools.cli.arguments import add
-from sphere_nav_tools.offline.map_points import Cloud, Datum, cloud_of, geojson, write_laz, write_ply
+from sphere_nav_tools.offline.map_points import Datum, cloud_of, geojson, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
 from sphere_nav_tools.offline.settings import add_output
 from sphere_nav_tools.offline.tables import progress
@@ -25,10 +22,8 @@ HELP = """\
 Write a map in a format that other tools read; the suffix of the output says which.
 
   .ply  point cloud with normals and colours, map frame, metres (binary)
-  .laz  the same, compressed; normals as NormalX, NormalY, NormalZ
   .g2o  pose graph, VERTEX_SE3:QUAT and EDGE_SE3:QUAT
   .tum  pose of every key sphere: stamp x y z qx qy qz qw
-  .kitti  the same without stamps: the first three rows of T_map_sphere
   .geojson  key spheres and edges by longitude and latitude (WGS 84), given --datum
 
 examples:
@@ -63,13 +58,11 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{output}: {count}")
 
 
-def write_cloud(
-    write: Callable[[Path, list[Cloud]], int], reader: MapReader, path: Path, arguments: argparse.Namespace
-) -> str:
-    """Write the points of all key spheres in one format."""
+def write_cloud(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
+    """Write the points of all key spheres."""
     params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
     nodes = progress("export", "sphere", list(reader.graph))
-    return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
+    return f"{write_ply(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
 
 
 def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
@@ -87,21 +80,16 @@ def write_graph(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
 
 
 def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
-    """Write the poses of the key spheres by stamp; `.kitti` has a line of 12 numbers for each."""
+    """Write the poses of the key spheres by stamp."""
     nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
     poses = trajectory_of([node.stamp_ns for node in nodes], [node.T_map_sphere for node in nodes])
-    if ".kitti" in path.suffixes:  # an unfinished file has one more
-        np.savetxt(path, poses.T_map_body.matrix[:, :3].reshape(-1, 12), fmt="%.9g")
-    else:
-        write_tum(path, poses, str(reader.info.map_id))
+    write_tum(path, poses, str(reader.info.map_id))
     return f"{len(nodes)} poses"
 
 
 WRITERS: dict[str, Writer] = {
-    ".ply": partial(write_cloud, write_ply),
-    ".laz": partial(write_cloud, write_laz),
+    ".ply": write_cloud,
     ".g2o": write_graph,
     ".tum": write_trajectory,
-    ".kitti": write_trajectory,
     ".geojson": write_geojson,
 }

@@ -13,54 +13,21 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.judge.residual import residual_image
-from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes
-from sphere_nav.localization.status import Status
 from sphere_nav.spheres.graph import Experience, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes, to_rgb
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli.gate import Address, WebPage, browser_pose
-from sphere_nav_tools.cli.operate.words import round_length
 
-MIN_EXTENT_M, MARGIN = 10.0, 1.15  # of what the small map shows: at least; as many times the extent of the graph
-COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160), "camera": (200, 30, 30)}
-
-
-class Minimap:
-    """A graph as a picture (SVG), drawn once, and a pose in it; units are m of the map, x to the right, y up."""
-
-    def __init__(self, graph: SphereGraph) -> None:
-        places = {node.id: node.T_map_sphere.translation[:2] for node in graph}
-        low, high = np.min([*places.values()], axis=0), np.max([*places.values()], axis=0)
-        side = MARGIN * max(float((high - low).max()), MIN_EXTENT_M)
-        (x, y), self._thin = 0.5 * (low + high) - 0.5 * side, 0.005 * side
-        bar = round_length(0.4 * side)
-        paths = (
-            f'<path d="{"".join(f"M{a} {b}L{c} {d}" for (a, b, _), (c, d, _) in ends)}" stroke="rgb{COLORS[name]}"/>'
-            for name, ends in edges_of(graph).items()
-        )
-        dots = (f'<circle cx="{a}" cy="{b}" r="{self._thin}" fill="rgb{COLORS["key"]}"/>' for a, b in places.values())
-        self._head = (
-            f'<svg viewBox="{x} {-y - side} {side} {side}" stroke-width="{self._thin}" style="background:white">'
-            f'<text x="{x}" y="{-y - 3 * self._thin}" font-size="{8 * self._thin}">{bar:g} m</text>'
-            f'<g transform="scale(1 -1)"><path d="M{x} {y}h{bar}" stroke="black"/>{"".join([*paths, *dots])}'
-        )
-
-    def draw(self, T_map_camera: SE3) -> str:
-        """Return the picture with an arrow that points to where a camera (z forward) looks."""
-        (x, y), (dx, dy) = T_map_camera.translation[:2], T_map_camera.rotation[:2, 2]
-        move = f"translate({x} {y}) rotate({np.degrees(np.arctan2(dy, dx)):.1f}) scale({4 * self._thin})"
-        return f'{self._head}<path d="M3 0L-1 1.2L-1 -1.2Z" transform="{move}" fill="rgb{COLORS["camera"]}"/></g></svg>'
+COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160)}
 
 
 MAX_SIDE, MOVING_SIDE = 800, 480  # px, of a view, and of one while the camera moves; the browser enlarges it
 NUM_FILLING, STILL_S = 4, 0.3  # key spheres of a view once the camera stands, and when it does
 BELOW = np.array([0.0, 0.0, -0.4])  # m by which the graph is drawn lower: on its lines one would see nothing else
-PAUSE_S = 0.1  # between two looks at whether a pause is over
 KEYS = "**W A S D** move, **Q E** down and up, mouse turns, wheel nears; a click on a key sphere goes there."
 ANY_LOOK = "the nearest key spheres"
 
@@ -78,45 +45,13 @@ class Page(WebPage):
     ) -> None:
         """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
         self._first, self._start = experience, start
-        self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
+        self._graph, self._scene = graph, scene
         super().__init__(address)
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)
         initial.near, initial.far = 0.05, 500.0
         self._add_graph()
-        self._drive: dict[str, Any] = {}
         self.server.on_client_connect(self._welcome)
-
-    def show(self, stamp_ns: int, image: Bytes, estimate: CameraEstimate, camera: Camera) -> None:
-        """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
-        gui, T_map_camera, shot = self.server.gui, estimate.T_map_camera, to_rgb(image)
-        residual = np.zeros(image.shape[:2], np.uint8)
-        if estimate.candidate is not None:
-            residual = residual_image(to_gray_bytes(image), camera, estimate.candidate)
-        picture, text = np.vstack([shot, to_rgb(residual)]), describe(estimate.status, stamp_ns)
-        if not self._drive:
-            self._drive = {
-                "pause": gui.add_checkbox("pause the drive", False),
-                "ride": gui.add_checkbox("ride along", False),
-                "text": gui.add_markdown(text),
-                "picture": gui.add_image(picture, label="camera, residual (grey: as the map)"),
-            }
-        self._drive["text"].content, self._drive["picture"].image = text, picture
-        if T_map_camera is not None:
-            x, y, z, w = T_map_camera.quaternion
-            self.server.scene.add_camera_frustum(
-                "/drive",
-                fov=2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian)),
-                aspect=camera.width / camera.height,
-                scale=0.3,
-                color=COLORS["camera"],
-                wxyz=(w, x, y, z),
-                position=T_map_camera.translation,
-            )
-            for client in self.server.get_clients().values() if self._drive["ride"].value else ():
-                put(client, T_map_camera)
-        while self._drive["pause"].value and not self.closed.wait(PAUSE_S):
-            pass
 
     def _add_graph(self) -> None:
         scene = self.server.scene
@@ -143,7 +78,6 @@ class Page(WebPage):
         look.visible = len(looks) > 2
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
-        minimap = client.gui.add_html(self._minimap.draw(browser_pose(client.camera)))
         client.gui.add_button("back to the start").on_click(lambda _: put(client, self._start))
         shot = client.gui.add_button("screenshot")
 
@@ -154,7 +88,6 @@ class Page(WebPage):
         def draw(is_still: bool) -> bool:
             """Draw a small view while the camera moves, its holes filled when it stands; whether it is whole."""
             T, chosen = browser_pose(client.camera), looks[look.value]
-            minimap.content = self._minimap.draw(T)
             count, side = (NUM_FILLING, MAX_SIDE) if is_still else (NUM_BLENDED, MOVING_SIDE)
             is_whole, lens = self._scene.is_ready(T, chosen, count), browser_camera(client.camera, side)
             view = self._scene.render(T, lens, chosen, is_waiting=False, count=count)
@@ -190,12 +123,6 @@ def edges_of(graph: SphereGraph) -> dict[str, Array]:
         ends = [graph[end].T_map_sphere.translation for end in (edge.a, edge.b)]
         found.setdefault("loops" if edge.is_loop else "way", []).append(ends)
     return {name: np.array(ends) for name, ends in found.items()}
-
-
-def describe(status: Status, stamp_ns: int) -> str:
-    """Return state, reason and quality, in words."""
-    words = [f"**{status.state}**", status.reason, f"{stamp_ns / 1e9:.2f} s", f"quality {status.quality:.2f}"]
-    return " · ".join(filter(None, words))
 
 
 def put(client: Any, T_map_camera: SE3) -> None:

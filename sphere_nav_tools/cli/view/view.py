@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import argparse
 import threading
-import time
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
-from dense_localizer.localizer import Localizer
-from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -21,12 +17,9 @@ from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, encoded, shown
-from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.settings import (
     FileAction,
     add_overwrite,
-    add_settings,
     floats,
     read_positive,
     read_size,
@@ -34,15 +27,13 @@ from sphere_nav_tools.offline.settings import (
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
-turns and zooms, W A S D Q E move, a click on a key sphere flies there. With --bag a drive is localised in the map,
-image by image: camera, residual and status are shown as it goes. A map of many days is shown in the experience that
-is chosen on the page, or by --experience.
+turns and zooms, W A S D Q E move, a click on a key sphere flies there. A map of many days is shown in
+the experience that is chosen on the page, or by --experience.
 
 With --screenshot a single view is written, without a browser. Poses are those of the vehicle's axes: x ahead, z up.
 
 examples:
   sphere_nav view kitchen
-  sphere_nav view kitchen --bag drive2
   sphere_nav view kitchen --screenshot view.png --pose 1.0,0.2,1.5,90
   sphere_nav view day_and_night --experience night --screenshot night.png
   sphere_nav view kitchen --host 0.0.0.0 --port 9000
@@ -64,9 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
     add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)
-    add(parser, "--bag", "BAG", "drive to localise and show", Path)
-    topics.add_options(parser, has_cameras=False)
-    add_settings(parser, "dense_localizer")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -79,7 +67,9 @@ def run(arguments: argparse.Namespace) -> None:
                 write_view(scene, start, experience, arguments)
             else:
                 address = gate.address_of("view", arguments)
-                serve(reader, Page(address, reader.graph, scene, start, experience), arguments)
+                with closing(Page(address, reader.graph, scene, start, experience)) as page:
+                    print(f"{page.url}  (Ctrl-C ends it)", flush=True)
+                    threading.Event().wait()
 
 
 def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
@@ -114,25 +104,3 @@ def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, a
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")
-
-
-def serve(reader: MapReader, page: Page, arguments: argparse.Namespace) -> None:
-    """Show the page until interrupted; with a drive, localise and show it."""
-    with closing(page):
-        recorded = RecordedCamera(arguments.bag, arguments) if arguments.bag else None
-        print(f"{page.url}  (Ctrl-C ends it)", flush=True)
-        if recorded is not None:
-            params = build(LocalizerParams, recorded.patience | arguments.settings)
-            localizer = Localizer(params, reader)
-            with closing(localizer.references):
-                replay_drive(recorded, localizer, page)
-        threading.Event().wait()
-
-
-def replay_drive(recorded: RecordedCamera, localizer: Localizer, page: Page) -> None:
-    """Show a drive at its own pace, or as fast as it can be localised."""
-    begin, first_ns = time.monotonic(), 0
-    for stamp_ns, image, estimate in recorded.localized(localizer, recorded.camera):
-        first_ns = first_ns or stamp_ns
-        time.sleep(max(0.0, 1e-9 * (stamp_ns - first_ns) - (time.monotonic() - begin)))
-        page.show(stamp_ns, image, estimate, recorded.camera)

@@ -2,7 +2,6 @@
 
 import json
 
-import laspy
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.map_points import COLORS, POINT, Datum, cloud_of, geojson, write_laz, write_ply
+from sphere_nav_tools.offline.map_points import POINT, Datum, cloud_of, geojson, write_ply
 
 
 def test_an_edge_of_range_gives_no_normal_across_it():
@@ -56,19 +55,6 @@ def test_a_ply_has_every_number_under_its_name(tmp_path):
     table = np.frombuffer(body, [(name, "<f4" if kind == "float" else "u1") for kind, name in properties])
     for name in names:
         np.testing.assert_array_equal(table[name][50:], one[name])
-
-
-def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
-    one = cloud()
-    assert write_laz(tmp_path / "a.laz", [one]) == 50
-    las = laspy.read(tmp_path / "a.laz")
-    np.testing.assert_allclose(las.header.scales, 1e-3)
-    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), columns(one, "xyz"), atol=5.1e-4)
-    for name in COLORS:
-        np.testing.assert_array_equal(las[name], one[name] * np.uint16(257))
-    np.testing.assert_allclose(
-        np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), columns(one, ["nx", "ny", "nz"])
-    )
 
 
 def test_points_are_of_every_so_many_rows_up_to_a_range():

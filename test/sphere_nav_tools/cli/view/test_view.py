@@ -1,4 +1,4 @@
-"""`sphere_nav view`: a picture without a browser, and what a drive shows."""
+"""`sphere_nav view`: a picture without a browser, and what a browser is shown."""
 
 from argparse import ArgumentError, ArgumentParser
 from types import SimpleNamespace
@@ -8,41 +8,22 @@ import cv2
 import numpy as np
 import pytest
 
-from dense_localizer.localizer import Localizer
-from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.localization.status import State, Status
-from sphere_nav.params import build
-from sphere_nav.ros.conversions import array_to_image, camera_to_info
-from sphere_nav.ros.maps.reader import open_map, save_map
+from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.gate import Address
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import server, view
-from sphere_nav_tools.cli.view.server import COLORS, Minimap
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera
-from worlds.localizer import PINHOLE, drive, make_map
-from worlds.recordings import stamp, write_bag
+from worlds.localizer import make_map
 from worlds.room import Room, optical
-
-NUM_IMAGES = 10
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder, room = tmp_path_factory.mktemp("view"), Room()
-    save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]).graph)
-
-    def seen(k):
-        yield "camera_info", camera_to_info(PINHOLE, stamp(k), "optical")
-        yield (
-            "image_raw",
-            array_to_image(room.photograph(PINHOLE, drive(NUM_IMAGES)[k], k), stamp(k), "optical", "mono8"),
-        )
-
-    write_bag(folder / "bag", seen, numbers=range(NUM_IMAGES), with_mount=False)
+    folder = tmp_path_factory.mktemp("view")
+    save_map(folder / "map", make_map(Room(), [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]).graph)
     return folder
 
 
@@ -107,19 +88,6 @@ def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]
 
 
-def test_key_spheres_and_loops_lie_where_they_are():
-    edges = [Edge(0, 1, SE3.identity(), np.eye(6)), Edge(0, 2, SE3.identity(), np.eye(6), is_loop=True)]
-    drawn = Minimap(SphereGraph([KeySphere(i, i, T) for i, T in enumerate(PLACES)], edges)).draw(
-        PLACES[1] @ T_BODY_OPTICAL
-    )
-    assert f'd="M0.0 0.0L20.0 20.0" stroke="rgb{COLORS["loops"]}"' in drawn
-    assert drawn.count("<circle") == 3
-    assert 'cx="20.0" cy="20.0"' in drawn
-    assert 'transform="scale(1 -1)"' in drawn  # y up
-    assert "translate(20.0 0.0) rotate(0.0)" in drawn  # it looks along x
-    assert ">5 m<" in drawn
-
-
 @pytest.fixture
 def page(monkeypatch):
     """A page without a server: three key spheres on a way, and a loop between the first and the last one."""
@@ -150,24 +118,6 @@ def test_a_page_shows_the_graph_and_goes_to_the_key_sphere_that_is_clicked(page)
     np.testing.assert_allclose(client.camera.look_at, [21.0, 20.0, 0.0], atol=1e-9)
 
 
-def test_a_drive_is_shown_where_it_is_and_who_rides_along_is_taken_there(page, monkeypatch):
-    client, (x, y, z, w) = browser(PLACES[0]), T.quaternion
-    page.server.get_clients.return_value = {1: client}
-    page.server.gui.add_checkbox.side_effect = lambda name, _: SimpleNamespace(value=name == "ride along")
-    image, residual = np.full((6, 8, 3), 7, np.uint8), np.full((6, 8), 90, np.uint8)
-    monkeypatch.setattr(server, "residual_image", lambda *_: residual)
-    status = Status(State.TRACKING, "", milliseconds=1.0)
-    page.show(5, image, SimpleNamespace(T_map_camera=T, status=status, candidate=T), PINHOLE)
-    shown = page.server.scene.add_camera_frustum.call_args.kwargs
-    assert (shown["wxyz"], shown["aspect"]) == ((w, x, y, z), PINHOLE.width / PINHOLE.height)
-    assert np.tan(shown["fov"] / 2) == pytest.approx(PINHOLE.height / 2 / PINHOLE.fy)
-    np.testing.assert_allclose(client.camera.position, T.translation)
-    handle = page.server.gui.add_image.return_value
-    assert (handle.image[:6] == 7).all()
-    assert (handle.image[6:] == 90).all()
-    assert handle.image.shape == (12, 8, 3)
-
-
 def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_stands(page, monkeypatch):
     threads, client = [], browser(T)
     monkeypatch.setattr(server.threading, "Thread", lambda target, args, daemon: threads.append(args) or MagicMock())
@@ -188,22 +138,3 @@ def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_sta
     page._scene.experiences.append(Experience("", "dusk", "c", 5))
     page._welcome(client)
     assert client.gui.add_dropdown.return_value.visible
-
-
-TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]
-
-
-def test_a_drive_is_localized_image_by_image(folder):
-    parser = ArgumentParser()
-    view.add_arguments(parser)
-    arguments = parser.parse_args([str(folder / "map"), "--bag", str(folder / "bag"), *TUNED])
-    recorded, shown = RecordedCamera(arguments.bag, arguments), []
-    with open_map(folder / "map") as reader:
-        localizer = Localizer(build(LocalizerParams, arguments.settings), reader)
-        view.replay_drive(recorded, localizer, SimpleNamespace(show=lambda *words: shown.append(words)))
-        localizer.references.close()
-    assert len(shown) == NUM_IMAGES
-    for (stamp_ns, image, estimate, camera), T in list(zip(shown, drive(NUM_IMAGES), strict=True))[-4:]:
-        assert estimate.T_map_camera.distance(T)[0] < 0.02
-        assert "TRACKING" in server.describe(estimate.status, stamp_ns)
-        assert (image.shape, camera) == ((120, 160), PINHOLE)
