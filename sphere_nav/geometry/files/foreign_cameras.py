@@ -13,16 +13,12 @@ from sphere_nav.geometry.se3 import SE3
 
 @dataclass(frozen=True, eq=False)
 class ForeignRig:
-    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera.
-
-    topics: where files tell.
-    """
+    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera."""
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
     T_origin_camera: tuple[SE3, ...]
     is_by_imu: bool = False
-    topics: tuple[str, ...] = ()
 
 
 def camera_at(where: str, size: tuple[int, int], plane: Sequence[float], model: Any, *more: Any) -> Camera:

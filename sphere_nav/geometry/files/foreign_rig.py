@@ -8,37 +8,28 @@ from pathlib import Path
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
-from sphere_nav.geometry.files.kalibr_file import is_kalibr, join_chains, read_kalibr
+from sphere_nav.geometry.files.kalibr_file import is_kalibr, read_kalibr
 from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
 from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
 from sphere_nav.geometry.files.untrusted import told_at
 
 FRAMES = ("camera", "imu")
-FORMATS = ("kalibr", "basalt", "opencv", "ocam")
 
 
 def read_foreign_cameras(
     paths: Sequence[Path],
-    file_format: str | None = None,
     image_size: tuple[int, int] | None = None,
     model: str | None = None,
     unit_m: float = 1.0,
-    *,
-    is_joining: bool = False,
 ) -> ForeignRig:
-    """Return the cameras of one file, of the two of OpenCV's stereo sample, or of camchains to join, as written there.
+    """Return the cameras of one file, or of the two of OpenCV's stereo sample, as written there.
 
     ValueError in one line if there are none. image_size (width, height), model (pinhole, fisheye) and unit_m, the
     length of the file's unit in metres, are what OpenCV's files may not tell.
     """
-    chosen = file_format or _format(paths)
-    if is_joining:
-        if chosen != "kalibr" or len(paths) < 2:
-            raise ValueError(f"{paths[0]}: --join: expected several camchains of Kalibr, found {len(paths)} {chosen}")
-        return join_chains([read_kalibr(path) for path in paths], paths)
+    chosen = _format(paths)
     if chosen != "opencv" and len(paths) > 1:
-        told = " (--join merges camchains)" if chosen == "kalibr" else ""
-        raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}{told}")
+        raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}")
     if chosen == "opencv":
         return read_opencv(paths, image_size, model, unit_m)
     return {"kalibr": read_kalibr, "basalt": read_basalt, "ocam": read_ocam}[chosen](paths[0])

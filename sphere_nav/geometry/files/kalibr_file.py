@@ -1,12 +1,9 @@
-"""Kalibr's camchain: cam0, cam1, ..., each placed relative to the one before it, to the IMU, or both.
-
-Several camchains of one rig as one: they share the IMU, or a camera, told by its topic.
-"""
+"""Kalibr's camchain: cam0, cam1, ..., each placed relative to the one before it, to the IMU, or both."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,34 +27,6 @@ from sphere_nav.geometry.files.untrusted import (
     told_at,
 )
 from sphere_nav.geometry.se3 import SE3
-
-
-def join_chains(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignRig:
-    """Return the cameras of all chains, named cam0, cam1, ... in the order of files; a shared camera counts once.
-
-    Poses are relative to the IMU where every chain has them, else to the first camera of the first file. ValueError
-    naming the file that shares nothing with those before it.
-    """
-    is_by_imu = all(chain.is_by_imu for chain in chains)
-    cameras: list[Camera] = []
-    poses: list[SE3] = []
-    topics: list[str] = []
-    for chain, path in zip(chains, paths, strict=True):
-        T_first_chain, shared = SE3.identity(), next((t for t in chain.topics if t and t in topics), None)
-        if shared is None and topics and not is_by_imu:
-            expected = "poses relative to the IMU in all files, or a rostopic of a file before it"
-            raise ValueError(f"{path}: expected {expected} ({', '.join(topics)}), found {', '.join(chain.topics)}")
-        if shared is not None and not is_by_imu:
-            own = chain.T_origin_camera[chain.topics.index(shared)]
-            T_first_chain = poses[topics.index(shared)] @ own.inverse()
-        for topic, camera, T in zip(chain.topics, chain.cameras, chain.T_origin_camera, strict=True):
-            if not topic or topic not in topics:
-                cameras.append(camera)
-                poses.append(T_first_chain @ T)
-                topics.append(topic)
-    names = tuple(f"cam{number}" for number in range(len(cameras)))
-    return ForeignRig(names, tuple(cameras), tuple(poses), is_by_imu, tuple(topics))
-
 
 NAME = re.compile(r"cam([0-9]{1,3})")
 NUM_INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6}  # fu fv pu pv, behind xi (omni) or xi alpha (ds)
@@ -91,8 +60,7 @@ def _rig(values: Any) -> ForeignRig:
     entries = {name: required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names}
     cameras = tuple(_camera(name, entry) for name, entry in entries.items())
     poses, is_by_imu = _poses(entries)
-    topics = tuple(str(entry.get("rostopic") or "") for entry in entries.values())
-    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu, topics)
+    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu)
 
 
 def _camera(name: str, entry: Mapping[str, Any]) -> Camera:

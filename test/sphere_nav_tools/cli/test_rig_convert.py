@@ -2,7 +2,6 @@
 
 from copy import deepcopy
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -46,32 +45,9 @@ def test_misuse_is_one_line_and_a_file_is_kept(capsys, camchain, tmp_path):
     assert run(capsys, camchain, "-o", tmp_path / "rig.yaml", "--overwrite")[0] == 0
 
 
-def test_masks_levels_and_groups_are_options(capsys, camchain, tmp_path):
-    cv2.imwrite(str(tmp_path / "mask.png"), np.full((480, 640), 255, np.uint8))
-    words = ["--mask", f"cam1={tmp_path / 'mask.png'}", "--level", "cam0=top", "--level", "cam1=bottom"]
-    words += ["--exposure-group", "cam0=front"]
-    status, _, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
-    assert (status, err) == (0, [])
-    first, second = read_rig(tmp_path / "rig.yaml").cameras
-    assert (first.level, second.level, first.exposure_group, first.mask) == ("top", "bottom", "front", None)
-    assert second.mask == str(tmp_path / "mask.png")
-
-
 def test_a_camera_is_told_by_where_it_looks(capsys, tmp_path):
     left, up = SE3.exp(np.radians([0, 0, 0, 0, -30, 0])), SE3.exp(np.radians([0, 0, 0, 20, 0, 0]))  # about optical axes
     path, T_cam1_cam0 = tmp_path / "camchain.yaml", (left @ up).inverse()
     path.write_text(yaml.safe_dump({"cam0": CAM, "cam1": CAM | {"T_cn_cnm1": T_cam1_cam0.matrix.tolist()}}))
     _, out, _ = run(capsys, path, "-o", tmp_path / "rig.yaml")
     assert out[1].endswith("looks 30.0° to the left, 20.0° up")
-
-
-def test_camchains_are_joined_by_a_shared_topic(capsys, tmp_path):
-    for name, topics in (("front", ("/a", "/b")), ("rear", ("/b", "/c"))):
-        chain = {f"cam{k}": deepcopy(CAM) | {"rostopic": topic} for k, topic in enumerate(topics)}
-        chain["cam1"]["T_cn_cnm1"] = LEFT_OF
-        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(chain))
-    files = tmp_path / "front.yaml", tmp_path / "rear.yaml"
-    status, _, err = run(capsys, *files, "--join", "-o", tmp_path / "rig.yaml")
-    assert (status, err) == (0, [])
-    found = [part.T_rig_camera.translation for part in read_rig(tmp_path / "rig.yaml").cameras]
-    np.testing.assert_allclose(found, [[0, 0, 0], [0, 0.2, 0], [0, 0.4, 0]], atol=1e-12)

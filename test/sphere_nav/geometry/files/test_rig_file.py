@@ -127,17 +127,12 @@ def test_a_file_that_is_none_is_one_line(tmp_path):
         assert len(line) < 600
 
 
-def test_a_format_may_be_told_and_only_several_camchains_are_joined(tmp_path):
+def test_a_camchain_is_one_file(tmp_path):
     path = tmp_path / "x.json"
     path.write_text(json.dumps({"cam0": CAM0}))
-    assert read_foreign([path]).names == read_foreign([path], file_format="kalibr").names == ("cam0",)
-    with pytest.raises(ValueError, match="value0"):
-        read_foreign([path], file_format="basalt")
+    assert read_foreign([path]).names == ("cam0",)
     with pytest.raises(ValueError, match="expected one kalibr file, found 2"):
         read_foreign([path, path])
-    for file_format, number in [("kalibr", 1), ("opencv", 2), ("basalt", 2)]:
-        with pytest.raises(ValueError, match=f"expected several camchains of Kalibr, found {number} {file_format}"):
-            read_foreign([path] * number, file_format=file_format, is_joining=True)
 
 
 def test_a_file_beyond_its_limit_is_not_read(tmp_path):
