@@ -30,15 +30,6 @@ def split_by_experience(graph: SphereGraph) -> dict[Experience, SphereGraph]:
     return {experience: SphereGraph(nodes) for experience, nodes in found.items()}
 
 
-def names_of_experiences(graph: SphereGraph) -> dict[int, str]:
-    """Return what the experience of each key sphere is called, by id; where two are called the same, with a number."""
-    names: dict[Experience, str] = {}
-    for one in split_by_experience(graph):
-        same = sum(str(other) == str(one) for other in names)
-        names[one] = f"{one} ({same + 1})" if same else str(one)
-    return {node.id: names[node.experience] for node in graph}
-
-
 def with_experience(graph: SphereGraph, experience: Experience, ids: Iterable[int]) -> SphereGraph:
     """Return the graph with some key spheres of an experience."""
     return graph.with_nodes({node_id: {"experience": experience} for node_id in ids})

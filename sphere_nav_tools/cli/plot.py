@@ -18,7 +18,7 @@ Draw what a localiser said: top view, errors against a truth, states with their 
 
 BAG is what `sphere_nav localize --bag` or `sphere_nav mcl --bag` wrote, or a recording of the topics pose and status
 of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG itself. The ending of FILE chooses the
-format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
+format: png, pdf or svg.
 
 A map has a frame of its own. Where the truth has another one, --align poses finds the place of the map by all poses, as
 sphere_nav evaluate does, and draws the poses there. It is chosen, and said, where it makes sense.
@@ -27,7 +27,6 @@ examples:
   sphere_nav plot result -o result.png
   sphere_nav plot result -o result.pdf --truth truth.tum
   sphere_nav plot result -o result.png --truth drive_bag --align none
-  sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
 
@@ -46,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "move the poses to the truth (default: where that has a frame of its own)",
         AUTO,
     )
-    add(parser, "--map", "MAP", "the map it was localised in: show its experiences", Path)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -59,14 +57,13 @@ def run(arguments: argparse.Namespace) -> None:
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
-    served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
     judged = plot_figure.measure(
         poses,
         arguments.truth or arguments.bag,
         is_required=arguments.truth is not None,
         alignment=arguments.align,
     )
-    plot_figure.draw_localization(arguments.output, poses, judged, statuses, served)
-    told = [*describe_states(statuses), *plot_figure.describe_experiences(served)]
+    plot_figure.draw_localization(arguments.output, poses, judged, statuses)
+    told = describe_states(statuses)
     told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
     print("\n".join([*told, f"{arguments.output}: {0 if poses is None else len(poses)} poses"]))

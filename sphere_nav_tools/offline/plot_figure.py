@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -16,12 +15,10 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.localization.status import TRUSTED, State, Status
+from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.maps.reader import open_map
-from sphere_nav.spheres.experiences import names_of_experiences
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
     TRUTH_TOPICS,
@@ -32,7 +29,6 @@ from sphere_nav_tools.offline.evaluation import (
     read_trajectory,
 )
 from sphere_nav_tools.offline.pose_bags import find_topic, is_bag
-from sphere_nav_tools.offline.tables import columns
 
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
@@ -75,49 +71,30 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
     return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
 
 
-def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
-    """Return by stamp which experience of a map placed an image; BagError where that was another map."""
-    with open_map(map_path) as reader:
-        names, map_id = names_of_experiences(reader.graph), str(reader.info.map_id)
-    others = {status.map_id for status in statuses} - {map_id, ""}
-    if others:
-        raise BagError(f"{map_path}: map_id: expected that of the recording, {min(others)}, found {map_id}")
-    placed = (status for status in statuses if status.state in TRUSTED and status.references)
-    return {status.stamp_ns: names[one] for status in placed if (one := status.references[0]) in names}
-
-
-def describe_experiences(served: dict[int, str]) -> list[str]:
-    """Return how many images each experience placed."""
-    return columns((number, f"placed by {name}") for name, number in Counter(served.values()).most_common())
-
-
 def draw_localization(
     path: Path,
     poses: Trajectory | None,
     judged: Judged | None,
     statuses: list[Status],
-    served: dict[int, str] | None = None,
 ) -> None:
     """Draw poses, truth with errors, and statuses, whatever of them there is; the ending chooses the format.
 
-    Poses are drawn in the frame of the truth. served: by stamp, which experience of the map placed an image.
+    Poses are drawn in the frame of the truth.
     """
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
-    lines, marks, views, alignment = {}, {}, [], ""
+    lines, views, alignment = {}, [], ""
     if judged is not None and poses is not None:
         lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
         views = [partial(_draw_sides, judged), partial(_draw_sizes, judged)]
         poses = poses.moved(*alignment_of(judged.report))
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
-        by = [(served or {}).get(int(stamp)) for stamp in poses.stamps_ns]
-        marks = {f"by {name}": lines["pose"][[one == name for one in by]] for name in dict.fromkeys(filter(None, by))}
     if statuses:
         views += [partial(_draw_states, statuses), partial(_draw_times, statuses)]
     with drawn(path, (13, 7)) as figure:
         cells = figure.add_gridspec(max(len(views), 1), 2, width_ratios=(1.0, 1.4))
-        top_view(figure.add_subplot(cells[:, 0]), lines, marks)
+        top_view(figure.add_subplot(cells[:, 0]), lines)
         figure.suptitle(alignment, fontsize="small")
         axes: Axes | None = None
         for row, draw in enumerate(views):
@@ -136,7 +113,7 @@ def drawn(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
         figure.savefig(path, dpi=120)
 
 
-def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array]) -> None:
+def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array] = {}) -> None:
     """Draw paths (N, 2) from above by name, the true one before the last, marked places, and where the last begins."""
     for number, (name, path) in enumerate(reversed(list(lines.items()))):
         color, width, size = (TRUTH, 4, 0) if number else (ESTIMATE, 1, 2)

@@ -1,4 +1,4 @@
-"""The map as one browser shows it: the ground from above, what is on it, and a view that follows without a jump."""
+"""The map as one browser shows it from above: what is on it, and a view that follows without a jump."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav_tools.cli.gate import browser_pose
-from sphere_nav_tools.cli.operate.ground import Ground
 from sphere_nav_tools.cli.operate.words import Heard, ellipse, pieces, round_length
 
 COLORS = {
@@ -37,13 +36,8 @@ class Chart:
             client.camera.position, client.camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         client.scene.configure_default_lights(cast_shadow=False)
 
-    def show(self, seen: Heard, ground: Ground | None, is_followed: bool) -> None:
+    def show(self, seen: Heard, is_followed: bool) -> None:
         """Draw what is new, and let the view follow the vehicle, where that is wished."""
-        if ground is not None and self._is_new("ground", id(ground)):
-            place, turn = (*ground.middle, -0.01), (0.0, 1.0, 0.0, 0.0)  # a picture's y points down
-            self.client.scene.add_image(
-                "/ground", ground.picture, *ground.size, format="png", position=place, wxyz=turn, cast_shadow=False
-            )
         path, driven = seen.told("path")[0], seen.told(f"way by {seen.placed}")[0]
         self.draw("path", path, COLORS["path"], 0.02)
         self.draw("ahead", way_ahead(path, seen.told("follower")[0]), COLORS["ahead"], 0.06, 6.0)

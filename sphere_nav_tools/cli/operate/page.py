@@ -23,7 +23,6 @@ from sphere_nav.spheres.sphere import to_rgb
 from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, SILENT_S
 from sphere_nav_tools.cli.gate import Address, WebPage
 from sphere_nav_tools.cli.operate.chart import Chart, ground_point
-from sphere_nav_tools.cli.operate.ground import Ground, ground_of
 from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
@@ -32,7 +31,6 @@ from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, health, log_of
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
-DARK_KEY = "sphere_nav_dark"
 THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
 NO_PATH, NO_DRIVE, NO_PLACE = "(no path here)", "(no drive here)", "(no places heard)"
 STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
@@ -54,7 +52,6 @@ class OperatorPage(WebPage):
         self, address: Address, link: Link, teaching: Teaching, simulated: SimulatedVehicle | None = None
     ) -> None:
         self.link, self.teaching, self.simulated = link, teaching, simulated
-        self._ground: tuple[Path | None, Ground | None] = None, None
         super().__init__(address, {"emergency_stop": self._press, "state": self.state})  # what needs no websocket
         self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
@@ -76,20 +73,6 @@ class OperatorPage(WebPage):
         """Return the map in the folder that the localiser uses; None where it is not here."""
         status, _ = self.link.seen.told("localizer")
         return self.teaching.with_map(status.map_id) if status is not None else None
-
-    def ground(self) -> Ground | None:
-        """Return the ground of the map in use as soon as it is drawn, which a thread does once."""
-        made = self.map_in_use()
-        if made is not None and made != self._ground[0]:
-            self._ground = made, None
-            threading.Thread(target=self._draw_ground, args=(made,), daemon=True).start()
-        return self._ground[1]
-
-    def _draw_ground(self, made: Path) -> None:
-        try:
-            self._ground = made, ground_of(made)
-        except (ValueError, OSError) as error:
-            self.link.seen.say(str(error))
 
 
 class Desk:
@@ -153,8 +136,6 @@ class Desk:
         self._button("name it", OTHER, self._name_place, lambda: self._click.value == NAMES)
         self._follows = gui.add_checkbox("map moves with the vehicle", True)
         self._is_watched = gui.add_checkbox("stop the vehicle when this page is lost (dead-man switch)", False)
-        self._is_dark = gui.add_checkbox("dark", False)
-        self._is_dark.on_update(lambda _: self._dress())
 
     def _add_teach(self) -> None:
         gui, teaching, simulated = self.client.gui, self.teaching, self.page.simulated
@@ -302,15 +283,10 @@ class Desk:
         return f"{told}; {self.link.load(LOAD_PATH, path)}" if path else told
 
     # --- what changes by itself
-    def _dress(self) -> None:
-        self.client.local_storage.set_item(DARK_KEY, "1" if self._is_dark.value else "")
-        self.client.gui.configure_theme(**THEME, dark_mode=self._is_dark.value)
 
     def _live(self) -> None:
         """Show what is new until the browser leaves."""
         with suppress(RuntimeError):  # it has left
-            with suppress(TimeoutError):
-                self._is_dark.value = bool(self.client.local_storage.get_item(DARK_KEY, timeout=1.0))
             while self.page.has(self.client):
                 self._show()
                 time.sleep(PERIOD_S)
@@ -354,7 +330,7 @@ class Desk:
                     part.value = teaching.name
         for part, holds in self._shown:
             part.visible = bool(holds())
-        self.chart.show(seen, self.page.ground(), self._follows.value)
+        self.chart.show(seen, self._follows.value)
         if self._shows_pictures.value:
             self._show_pictures()
         if self._shows_pictures.value or teaching.is_recording:  # whether images come is told while a drive is recorded

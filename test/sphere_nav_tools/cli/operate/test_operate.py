@@ -14,9 +14,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.operate import ground, words
+from sphere_nav_tools.cli.operate import words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
-from sphere_nav_tools.cli.operate.ground import ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
@@ -185,19 +184,6 @@ def test_a_map_without_a_taught_path_has_no_places(tmp_path):
         network_of(tmp_path, None)
 
 
-def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(monkeypatch):
-    nodes = [SimpleNamespace(id=x, T_map_sphere=SE3.from_planar(x, 0.0, 0.0)) for x in (0, 8)]
-    seen = SimpleNamespace(points=lambda: (np.array([[1.0, 2.0, -1.0]]), np.array([[200, 100, 50]], np.uint8)))
-    reader = SimpleNamespace(graph=nodes, load_sphere=lambda _: seen)
-    monkeypatch.setattr(ground, "open_map", lambda _: nullcontext(reader))
-    picture, middle, size = ground_of(Path("map"))
-    np.testing.assert_allclose([*middle, *size], [4.0, 0.0, 32.0, 24.0])
-    assert picture.shape == (480, 640, 4)
-    for x in (1.0, 9.0):
-        v, u = round((12.0 - 2.0) / 0.05), round((x + 12.0) / 0.05)
-        assert (picture[v - 1 : v + 1, u - 1 : u + 1] == [200, 100, 50, 255]).all(axis=-1).any()
-
-
 def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_path, monkeypatch):
     done = []
 
@@ -289,10 +275,10 @@ def test_a_view_that_follows_is_never_turned(chart):
     seen = Heard()
     seen.hear("way by pose", [np.array([1.0, 2.0]), np.array([11.0, 2.0])])
     seen.hear("pose", (11.0, 2.0, 0.0, np.zeros((2, 2))))
-    chart.show(seen, None, False)
+    chart.show(seen, False)
     assert camera.position == (1.0, 2.0, 20.0)
     for _ in range(50):
-        chart.show(seen, None, True)
+        chart.show(seen, True)
         np.testing.assert_allclose(np.subtract(camera.look_at, camera.position), (0.0, 0.0, -20.0), atol=1e-9)
     assert 0.0 < 11.0 - camera.position[0] < 0.07 * 20.0  # not to the very middle
     np.testing.assert_allclose(camera.position[1:], (2.0, 20.0))
