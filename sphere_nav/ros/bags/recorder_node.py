@@ -12,7 +12,6 @@ from rclpy.qos import QoSProfile
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
-from sphere_nav.ros.bags.recording_sets import NAMES, belongs
 from sphere_nav.ros.bags.writer import free_path
 from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
@@ -22,6 +21,18 @@ from sphere_nav.ros.run import run
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
+ALL = "all"
+SENSORS = {
+    "nav_msgs/msg/Odometry",
+    "sensor_msgs/msg/CameraInfo",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/LaserScan",
+    "tf2_msgs/msg/TFMessage",
+}
+SETS = (ALL, "raw")
+
 
 @parameters
 class RecorderParams:
@@ -29,7 +40,7 @@ class RecorderParams:
 
     output: str = param("", "folder of the bag to write; where it exists, NAME_2, NAME_3, ...")
     topics: str = param("", "topics to record, separated by spaces")
-    topic_set: str = param("", "record every topic of a kind: all of them, or those of a set", choices=NAMES)
+    topic_set: str = param("", "record every topic, or the raw ones: those of sensors", choices=("", *SETS))
     compressed: bool = param(True, "compress with zstd; not worth it for raw images of a noisy camera")
 
 
@@ -144,6 +155,13 @@ class BagRecorder(ManagedNode):
         except OSError as error:  # the disk is full, or gone
             self.log.error(f"{self.bag.partial}: cannot be written: {error.strerror}", every=60.0)
             self.finish(1)
+
+
+def belongs(topic: str, kind: str, chosen: str) -> bool:
+    """Return whether a topic of a type is in the set `chosen`; hidden topics (/_name) are in none."""
+    if any(part.startswith("_") for part in topic.split("/")):
+        return False
+    return chosen == ALL or (chosen == "raw" and kind in SENSORS)
 
 
 def main() -> int:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from sphere_nav.ros.bags.recorder_node import BagRecorder
-from sphere_nav.ros.bags.recording_sets import ALL, SETS
+from sphere_nav.ros.bags.recorder_node import SETS, BagRecorder
 from sphere_nav.ros.run import run as run_node
 from sphere_nav_tools.cli.arguments import add, choose, flag
 
@@ -13,15 +12,13 @@ HELP = """\
 Record topics into a rosbag2 MCAP bag until Ctrl-C. At most the last second is lost if the process is killed.
 Where BAG exists, BAG_2, BAG_3, ... is made.
 
-  --set raw           images, camera_info, laser, IMU, odometry, tf
-  --set spheres       augmented spheres, key-sphere graph
-  --set localisation  poses, odometry, status, diagnostics, tf
-  --set control       path, command, tracking error, follower status
+  --set raw   images, camera_info, laser, IMU, odometry, tf
+  --set all   every topic
 
 examples:
   sphere_nav record -o drive --set raw
   sphere_nav record -o run1 /pose /status /cmd_vel
-  sphere_nav record -o everything --all
+  sphere_nav record -o everything --set all
 """
 
 
@@ -29,9 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "topics", "TOPIC", "topics to record", nargs="*")
     parser.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to make (a folder)")
-    which = parser.add_mutually_exclusive_group()
-    choose(which, "--set", tuple(SETS), "record a set of topics", "", dest="topic_set")
-    which.add_argument("--all", action="store_const", const=ALL, dest="topic_set", help="record every topic")
+    choose(parser, "--set", SETS, "record a set of topics", "", dest="topic_set")
     flag(parser, "--uncompressed", "do not compress: for raw images of noisy cameras")
     flag(parser, "--use-sim-time", "stamp the messages by /clock")
 

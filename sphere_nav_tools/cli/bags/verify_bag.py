@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 from sphere_nav.ros.bags import salvage, verify_bag
-from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.tables import columns, progress
 
 HELP = """\
@@ -16,7 +15,6 @@ Read every message of a bag, check its checksums, and tell what is in it. Exit s
 
 examples:
   sphere_nav verify-bag drive
-  sphere_nav verify-bag drive --json
   sphere_nav verify-bag drive.partial --salvage drive     # what is readable of a bag that was cut off
 """
 
@@ -24,7 +22,6 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "bag", "BAG", "a folder or an .mcap file", Path)
-    flag(parser, "--json", "print the report as JSON")
     add(parser, "--salvage", "OUT", "copy what is readable into a new bag", Path)
 
 
@@ -39,19 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
         report = verify_bag(arguments.bag, bar.update)
     seconds = (report.time_range[1] - report.time_range[0]) / 1e9
     topics = sorted(report.topics.items())
-    if arguments.json:
-        facts = {
-            "bag": str(report.path),
-            "messages": report.num_messages,
-            "seconds": seconds,
-            "topics": {name: {"type": info.type, "count": info.count} for name, info in topics},
-            "problems": report.problems,
-        }
-        print(json.dumps(facts, indent=2))
-    else:
-        verdict = "damaged" if report.problems else "good"
-        head = f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"
-        print("\n".join([head, *columns((f"  {name}", info.count, info.type) for name, info in topics)]))
+    verdict = "damaged" if report.problems else "good"
+    head = f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"
+    print("\n".join([head, *columns((f"  {name}", info.count, info.type) for name, info in topics)]))
     for problem in report.problems:
         print(problem, file=sys.stderr)
     return 1 if report.problems else 0

@@ -8,7 +8,8 @@ from std_msgs.msg import String
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav.ros.bags.player_node import BagPlayer, PlayerParams
-from sphere_nav.ros.bags.recorder_node import BagRecorder, RecorderParams
+from sphere_nav.ros.bags.recorder_node import SENSORS, BagRecorder, RecorderParams, belongs
+from sphere_nav.ros.interfaces import message_class
 from sphere_nav_tools.cli.bags import play, record
 from sphere_nav_tools.cli.main import main
 
@@ -82,8 +83,20 @@ def test_record(parameters_of):
     _, values = parameters_of(record, "-o", "drive", "/a", "/b", "--uncompressed")
     del values["use_sim_time"]
     assert build(RecorderParams, values) == RecorderParams(output="drive", topics="/a /b", compressed=False)
-    _, values = parameters_of(record, "-o", "drive", "--all")
+    _, values = parameters_of(record, "-o", "drive", "--set", "all")
     assert values["topic_set"] == "all"
+
+
+def test_what_a_sensor_tells_is_raw_and_what_is_hidden_is_nobodys():
+    assert all(map(message_class, SENSORS))
+    for topic, kind, chosen, expected in [
+        ("/image_raw", "sensor_msgs/msg/Image", "raw", True),
+        ("/anything", "std_msgs/msg/String", "raw", False),
+        ("/anything", "std_msgs/msg/String", "all", True),
+        ("/_hidden/topic", "std_msgs/msg/String", "all", False),
+        ("/image_raw", "sensor_msgs/msg/Image", "", False),
+    ]:
+        assert belongs(topic, kind, chosen) is expected
 
 
 def test_play(parameters_of):
