@@ -6,12 +6,10 @@ import argparse
 from collections.abc import Iterator
 
 from mcl_depth.ros.node import MclDepthNode
-from mcl_depth.site import PRESETS
 from sphere_nav.ros.bags.recorded import Recorded
-from sphere_nav_tools.cli.arguments import add, choose
+from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing, topics
-from sphere_nav_tools.offline.settings import floats
 
 HELP = """\
 Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because
@@ -22,8 +20,8 @@ written as a TUM file.
 examples:
   sphere_nav mcl town.ply drive -o poses.tum
   sphere_nav mcl room.ply drive -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
-  sphere_nav mcl tile.laz drive --preset outdoor -o poses.tum
-  sphere_nav mcl utm_tile.laz drive --origin 500200,5412300,0 -o poses.tum
+  sphere_nav mcl tile.laz drive --set preset=outdoor -o poses.tum
+  sphere_nav mcl utm_tile.laz drive --set survey.origin=500200,5412300,0 -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
 TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
@@ -33,14 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "cloud", "CLOUD", "geometry to localise in")
     add(parser, "source", "BAG", "bag with images, camera_info or sphere_info, and odometry")
-    choose(parser, "--preset", ("auto", *PRESETS), "surroundings (by the cloud)", "auto")
-    add(
-        parser,
-        "--origin",
-        "E,N,H",
-        "of the survey in m at the origin of the map (chosen, where needed)",
-        floats("E,N,H", 3),
-    )
     localizing.add_arguments(parser, "mcl_depth")
 
 
@@ -56,8 +46,6 @@ def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
 
     values = {
         "cloud": arguments.cloud,
-        "preset": arguments.preset,
-        "survey.origin": ",".join(map(str, arguments.origin or ())),
         "input.max_leap_s": MAX_LEAP_S,
         "every_image": True,
     }
