@@ -21,10 +21,6 @@ class Playback:
         self.total = sum(bag.topics[name].count for name in topics)
         self._bag, self._topics, self._start_ns, self._rate, self._clock = bag, list(topics), start_ns, rate, clock
         self._latched = {name for name in topics if is_latched(bag.topics[name])}
-        self.rewind()
-
-    def rewind(self) -> None:
-        """Go back to the start."""
         self.done = 0
         self._stream = self._from_start()
         self.next: Recorded | None = next(self._stream, None)

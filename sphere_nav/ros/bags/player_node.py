@@ -37,8 +37,6 @@ class PlayerParams:
     rate: float = param(1.0, "speed of playing; 0: as fast as listeners acknowledge", "x", low=0.0, high=1000.0)
     start: float = param(0.0, "begin so long after the first message; latched topics come first", "s", low=0.0)
     clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
-    paused: bool = param(False, "wait for the service resume before playing")
-    loop: bool = param(False, "begin again at the end")
     wait_for: str = param(
         "", "topics, separated by spaces, that must have a listener before playing begins; NAME:2: two of them"
     )
@@ -69,7 +67,7 @@ class BagPlayer(ManagedNode):
         self.clock_told = 0.0
         words = [word.partition(":") for word in self.params.wait_for.split()]
         self.wait_for = {self._play(name): whole_number(count or "1") for name, _, count in words}
-        self.is_paused, self.begin_at = self.params.paused, 0.0
+        self.is_paused, self.begin_at = False, 0.0
         self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
         self.add_timer(PLAY_TICK, self._tick, is_wall=True)
@@ -157,9 +155,6 @@ class BagPlayer(ManagedNode):
         return response
 
     def _end(self) -> None:
-        if self.params.loop:
-            self.playback.rewind()
-            return
         for output in self.outputs.values():
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")

@@ -103,7 +103,7 @@ def test_play(parameters_of):
     node_class, values = parameters_of(play, "drive")
     assert node_class is BagPlayer
     assert build(PlayerParams, values) == PlayerParams(bag="drive")
-    words = "drive --topics /a /b --rate 0 --start 3 --clock --paused --loop --wait-for /a"
+    words = "drive --topics /a /b --rate 0 --start 3 --clock --wait-for /a"
     _, values = parameters_of(play, *words.split())
-    more = {"clock": True, "paused": True, "loop": True, "wait_for": "/a"}
+    more = {"clock": True, "wait_for": "/a"}
     assert build(PlayerParams, values) == PlayerParams(bag="drive", topics="/a /b", rate=0.0, start=3.0, **more)
