@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
@@ -112,7 +111,6 @@ class Link:
         subscribe(PoseWithCovarianceStamped, "pose", self._on_pose, qos.STATE)
         subscribe(Odometry, "odom", self._on_odometry, qos.SENSOR)
         subscribe(KeySphereGraph, "graph", self._on_graph, qos.LATCHED)
-        subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.STATE)
         subscribe(NavigatorStatus, "route_navigator/status", lambda m: seen.hear("mission", m), qos.LATCHED)
         subscribe(String, "route_navigator/network", self._on_network, qos.LATCHED)
         self._initial = self.node.create_publisher(PoseWithCovarianceStamped, "initialpose", qos.STATE)
@@ -178,11 +176,6 @@ class Link:
     def _on_graph(self, message: KeySphereGraph) -> None:
         places = [vertex.pose.position for vertex in message.vertices]
         self.seen.hear("spheres", np.array([(p.x, p.y) for p in places]).reshape(-1, 2))
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        known, _ = self.seen.told("diagnostics")
-        found = {status.name: (status.level[0], status.message, time.monotonic()) for status in message.status}
-        self.seen.hear("diagnostics", (known or {}) | found)
 
     def _on_network(self, message: String) -> None:
         self.seen.hear("places", places_of(message.data))

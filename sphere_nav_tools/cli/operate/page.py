@@ -28,7 +28,7 @@ from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
-from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, health, log_of
+from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, log_of
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
@@ -93,8 +93,6 @@ class Desk:
             self._add_teach()
         with tabs.add_tab("camera"):
             self._add_camera()
-        with tabs.add_tab("health"):
-            self._text(lambda: health(self.seen))
         client.scene.on_click()(self._on_click)
         for work in (self._live, self._watch):
             threading.Thread(target=work, daemon=True).start()

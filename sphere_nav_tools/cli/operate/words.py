@@ -20,7 +20,6 @@ from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 MAX_TOLD = 50  # lines of the log
 MAX_DRAWN = 2000  # points of a line on the map
 GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
-LEVELS = ((3, "OK", GOOD), (2, "WARN", FAIR), (0, "ERROR", BAD), (1, "STALE", NONE))  # how soon each of them is told
 # One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
 COLORS = {"RECORDING": GOOD, "MAPPING": GOOD, "DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD}
 COLORS |= {"SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
@@ -29,7 +28,6 @@ CALL = re.compile(r"\bcall (start|resume|stop)\b")  # of a node, where a reader 
 RELOCALIZE = re.compile(r"\b(call )?relocalize( of the localiser)?\b")
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 IS_IT_RUNNING = "is the node running, in this domain and namespace?"
-GONE_S = 30.0  # s after which who has ended is no longer told of
 
 
 class Place(NamedTuple):
@@ -160,22 +158,6 @@ def log_of(seen: Heard) -> str:
     refused = f'<div class="sn-refused">NOT DONE: {escape(seen.refused)}</div>' if seen.refused else ""
     lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
     return f'{refused}<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
-
-
-def health(seen: Heard) -> str:
-    """Return /diagnostics as HTML, what is wrong first; what is not repeated becomes STALE, then goes."""
-    known, _ = seen.told("diagnostics")
-    now = time.monotonic()
-    rows = [
-        (*LEVELS[level if now - heard < 5 * SILENT_S else -1], name, text)
-        for name, (level, text, heard) in (known or {}).items()
-        if now - heard < GONE_S
-    ]
-    lines = "".join(
-        f'<div><b style="color:{color}">{word}</b> {escape(name)}: {escape(text)}</div>'
-        for _, word, color, name, text in sorted(rows)
-    )
-    return f'<div style="padding:0 1em;font-size:0.8em">{lines or "nothing heard"}</div>'
 
 
 def ellipse(covariance: Array) -> Array:

@@ -21,7 +21,7 @@ from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
 from sphere_nav_tools.cli.operate.places import network_of
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, log_of
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, log_of
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
@@ -156,17 +156,6 @@ def test_a_stop_is_offered_where_the_vehicle_has_gone_silent(monkeypatch):
     seen.hear("follower", SimpleNamespace(state="STOPPED", reason="OFF_PATH"))
     assert [line[9:] for line in seen.lines] == ["vehicle: STOPPED OFF_PATH after 5 s of silence", "vehicle: IDLE"]
     assert "vehicle: STOPPED OFF_PATH after 5 s" in log_of(seen)
-
-
-def test_health_tells_errors_first_and_forgets_who_has_ended(monkeypatch):
-    seen, now = Heard(), words.time.monotonic()
-    told = {"fine": (0, "10 Hz", now), "disk": (2, "full", now), "warm": (1, "hot", now), "late": (0, "", now - 9.0)}
-    seen.hear("diagnostics", told | {"gone": (2, "broken", now - 31.0)})
-    text = health(seen)
-    order = [text.index(word) for word in ("disk", "late", "warm", "fine")]
-    assert order == sorted(order)
-    assert "STALE</b> late" in text
-    assert "gone" not in text
 
 
 def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
