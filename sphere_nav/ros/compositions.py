@@ -229,16 +229,7 @@ def _player(values: Values, wait_for: str) -> NodeStart:
 
 
 def _replay(values: Values) -> list[NodeStart]:
-    images = _heard(values, values["image"])
-    if values["record"]:
-        images += ":2"  # the recorder, which starts sooner, is a listener too
-    return [*_recorder(values), _localizer(values), _player(values, images)]
-
-
-def _recorder(values: Values) -> list[NodeStart]:
-    if not values["record"]:
-        return []
-    return [_node(values, "bag_recorder", {"output": values["record"], "topic_set": "all"})]
+    return [_localizer(values), _player(values, _heard(values, values["image"]))]
 
 
 def _simulation(values: Values) -> list[NodeStart]:
@@ -250,7 +241,9 @@ def _simulation(values: Values) -> list[NodeStart]:
         "traffic.density": "usual" if values["traffic"] else "none",
         "has_stamped_command": True,  # a command says which image it answers: lock-step
     }
-    starts = [*_recorder(timed), _node(values, "cycab_sim", simulator)]
+    starts = [_node(values, "cycab_sim", simulator)]
+    if values["record"]:
+        starts.insert(0, _node(timed, "bag_recorder", {"output": values["record"], "topic_set": "all"}))
     defaults = {name: argument.read(name, argument.default or "") for name, argument in NAVIGATION.items()}
     return [*starts, *(_navigation({**defaults, **timed}) if values["map"] else [])]
 
@@ -361,7 +354,6 @@ COMPOSITIONS = {
             **LOCALISATION,
             "bag": Argument(None, "bag to play", is_file=True),
             "rate": BAG["rate"],
-            "record": Argument("", "bag to record everything into; empty: none"),
             "use_sim_time": Argument("true", "the recording's time, on /clock", FLAG),
         },
         _replay,

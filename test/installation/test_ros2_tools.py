@@ -55,7 +55,7 @@ GIVEN = {
     "nav2": ["map:=map", "trajectory:=path.csv", "site:=site.yaml"],
     "mcl": ["cloud:=room.npy"],
     "simulation": ["map:=map", "trajectory:=path.csv", "record:=simulated"],
-    "replay": ["map:=map", "bag:=drive", "record:=replayed"],
+    "replay": ["map:=map", "bag:=drive"],
 }
 NODES = {
     "mapping": {"sphere_stitcher", "sphere_mapper", "bag_player"},
@@ -64,7 +64,7 @@ NODES = {
     "nav2": {"dense_localizer", "path_follower"},
     "mcl": {"mcl_depth"},
     "simulation": {"bag_recorder", "cycab_sim", "dense_localizer", "path_follower"},
-    "replay": {"bag_recorder", "dense_localizer", "bag_player"},
+    "replay": {"dense_localizer", "bag_player"},
 }
 SITE = {  # small images; on a busy machine messages come late, which is not what is tested here
     "dense_localizer": SMALL_IMAGES | {"input.timeout_s": 10.0},

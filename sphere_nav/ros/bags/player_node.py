@@ -37,9 +37,7 @@ class PlayerParams:
     rate: float = param(1.0, "speed of playing; 0: as fast as listeners acknowledge", "x", low=0.0, high=1000.0)
     start: float = param(0.0, "begin so long after the first message; latched topics come first", "s", low=0.0)
     clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
-    wait_for: str = param(
-        "", "topics, separated by spaces, that must have a listener before playing begins; NAME:2: two of them"
-    )
+    wait_for: str = param("", "topics, separated by spaces, that must have a listener before playing begins")
 
 
 class BagPlayer(ManagedNode):
@@ -65,8 +63,7 @@ class BagPlayer(ManagedNode):
         self.outputs = {name: self._output(info) for name, info in chosen.items()}
         self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
         self.clock_told = 0.0
-        words = [word.partition(":") for word in self.params.wait_for.split()]
-        self.wait_for = {self._play(name): whole_number(count or "1") for name, _, count in words}
+        self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
         self.is_paused, self.begin_at = False, 0.0
         self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
@@ -138,7 +135,7 @@ class BagPlayer(ManagedNode):
             self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
 
     def _lacks_listeners(self) -> bool:
-        absent = sorted(name for name, count in self.wait_for.items() if self.outputs[name].num_subscriptions < count)
+        absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
         is_waiting = text != "playing"
         self.report("player", WARN if is_waiting else OK, text, done=self.playback.done, total=self.playback.total)
@@ -159,13 +156,6 @@ class BagPlayer(ManagedNode):
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
         self.finish()
-
-
-def whole_number(word: str) -> int:
-    """Return the number of listeners to wait for."""
-    if not word.isdecimal():
-        raise ValueError(f"wait_for: expected NAME or NAME:NUMBER, found {word!r} for the number")
-    return int(word)
 
 
 def main() -> int:

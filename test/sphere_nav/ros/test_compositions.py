@@ -201,7 +201,7 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     assert mapper.parameters["input"] == "rgbd"
     assert player.parameters["wait_for"] == "zed/zed_node/depth/depth_registered"
     player = starts("replay", driver="zed4")[-1]
-    assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color:2"
+    assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color"
     player = starts("replay", driver="zed4", image="/front/image")[-1]
-    assert player.parameters["wait_for"] == "/front/image:2"  # the recorder listens, too
+    assert player.parameters["wait_for"] == "/front/image"
     assert starts("mapping")[-1].parameters["wait_for"] == "cameras/top_front/image_raw"

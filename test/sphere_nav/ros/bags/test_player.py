@@ -20,13 +20,13 @@ TEXTS = [str(k) for k in range(6)]
 class Played:
     """A player and what it says: the texts of its topics, and the times of its clock."""
 
-    def __init__(self, folder, **values):
+    def __init__(self, folder, captured=None, **values):
         with BagWriter(folder / "bag") as bag:
             bag.add_topic("latched", String, qos.LATCHED)
             bag.write("latched", String(data="once"), START)
             for k, text in enumerate(TEXTS):
                 bag.write("text", String(data=text), START + k * SECOND)
-        self.bus, self.texts, self.clock = OfflineBus(), [], []
+        self.bus, self.texts, self.clock = OfflineBus(captured), [], []
         self.node = self.bus.add(BagPlayer, {"bag": str(folder / "bag"), "rate": 0.0} | values)
         self.hear(self.bus.settle())
 
@@ -75,7 +75,7 @@ def test_a_start_leaves_out_what_was_before(tmp_path):
 
 
 def test_listeners_that_are_waited_for_hold_the_start_and_are_named(tmp_path):
-    played = Played(tmp_path, wait_for="text:2")
+    played = Played(tmp_path, {"latched"}, wait_for="text")
     played.turn()
     assert played.texts == ["once"]
     assert "waiting for a listener of /text" in played.node.reports["player"][1]
