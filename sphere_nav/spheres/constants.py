@@ -52,10 +52,6 @@ MIN_FORWARD = 0.1  # of the three rays along their mean: P3P needs them before a
 MIN_COARSE_SIDE = 96  # px; 1024 rows become 128
 SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are one surface
 
-# Spheres in less than half of their bytes (test_sphere)
-CONDENSED_RANGE = 24  # codes of range that become one: 0.5 %, of a range that stereo tells to 0.6 % at best
-CONDENSED_DEVIATION = 16  # codes of its deviation that become one: 1.8 times
-
 # Experiences of a place (test_experiences)
 PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
 PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction

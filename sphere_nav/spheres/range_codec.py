@@ -50,12 +50,6 @@ def decode_ranges(codes: NDArray[np.uint16]) -> Floats:
     return ranges
 
 
-def coarse_ranges(codes: NDArray[np.uint16], steps: int) -> NDArray[np.uint16]:
-    """Return codes of ranges that are multiples of some steps, which compress better; what is not finite stays."""
-    multiples = np.clip(np.rint(codes / np.float32(steps)), 1, NUM_STEPS // steps) * steps
-    return np.where((codes == CODE_NAN) | (codes == CODE_INF), codes, multiples).astype(np.uint16)
-
-
 def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> Bytes:
     """Return the codes of standard deviations by their ratio to the range, both in metres and of one shape.
 
@@ -67,12 +61,6 @@ def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np
     is_known = (ratio > 0) & np.isfinite(ratio)
     codes = np.where(is_known, np.clip(np.rint(steps) + np.float32(1.0), 1, LAST_RATIO), CODE_NAN)
     return codes.astype(np.uint8)
-
-
-def coarse_deviation(codes: Bytes, steps: int) -> Bytes:
-    """Return codes of deviations, one for each run of some steps."""
-    measured = np.minimum((codes - 1) // steps * steps + 1 + steps // 2, LAST_RATIO)
-    return np.where(codes == CODE_NAN, codes, measured).astype(np.uint8)
 
 
 def decode_deviation(codes: Bytes, range_m: Floats) -> Floats:

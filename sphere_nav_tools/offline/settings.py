@@ -80,25 +80,6 @@ def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--se
     )
 
 
-def add_budget(parser: argparse.ArgumentParser) -> None:
-    """Declare how much a map may hold."""
-    parser.add_argument(
-        "--budget",
-        type=_budget,
-        metavar="N|MB",
-        help="experiences a place may hold, as 3, or size of all key spheres, as 200MB; the least used leave first",
-    )
-
-
-def _budget(text: str) -> Any:
-    from sphere_mapping.experiences.budget import Budget  # with SciPy, for the commands that need it alone
-
-    try:
-        return Budget.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 class FileAction(argparse.Action):
     """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins.
 

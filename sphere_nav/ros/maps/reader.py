@@ -83,10 +83,6 @@ class MapReader(BagReader):
         """Read one key sphere as it is stored; BagError if it is missing or damaged."""
         return self.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
 
-    def count_bytes(self, sphere_id: int) -> int:
-        """Return what a key sphere takes of the file; BagError if it is missing."""
-        return self._chunk_of(sphere_id).chunk_length
-
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; they wait on the disk. BagError if one is missing or damaged."""
         found = CompactSpheres()
@@ -113,16 +109,6 @@ class MapReader(BagReader):
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
         return index
-
-    @property
-    def num_bytes(self) -> int:
-        """Size of its file."""
-        return self.files[0].path.stat().st_size
-
-    @cached_property
-    def num_other_bytes(self) -> int:
-        """Size of its file without the key spheres themselves: small ones, features, graph."""
-        return self.num_bytes - sum(index.chunk_length for index in self._chunks.values())
 
     @property
     def origin(self) -> str:

@@ -9,7 +9,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import FileAction, add_budget, add_overwrite, add_settings, read_count
+from sphere_nav_tools.offline.settings import FileAction, add_overwrite, add_settings, read_count
 from sphere_nav_tools.offline.topic_finder import CAMERAS
 
 HELP = """\
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         float,
         nargs=3,
     )
-    add_budget(parser)
+    add(parser, "--budget", "N", "experiences a place may hold; the least used leave first", read_count)
     choose(
         parser,
         "--anchor",

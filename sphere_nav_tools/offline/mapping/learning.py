@@ -24,7 +24,6 @@ from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.bags.writer import PARTIAL
 from sphere_nav.ros.maps.compact import CompactFeatures
-from sphere_nav.ros.maps.condensing import condense
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.maps.writer import MAP_FRAME, MapWriter, Stored, check_free, write_stored
 from sphere_nav.ros.service import one_line
@@ -101,10 +100,10 @@ def finish_map(
     origin = known.origin if known is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     T_base_sphere = known.T_base_sphere if known is not None else mapper.T_base_sphere
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
-    graph, condensed, left = thin_map(mapper, (mapped, known), arguments.budget, graph, ways[0].positions, new)
+    graph, left = thin_map(mapper, known, arguments.budget, graph, ways[0].positions, new)
     told += left
     details = details_of(graph, mapper.params, source, frame, drive.recipe.details.rig, (origin, T_base_sphere))
-    whole = condense(chain(stored, mapped.stored()), condensed)
+    whole = chain(stored, mapped.stored())
     write_stored(arguments.output, graph, details, index, whole, is_overwriting=arguments.overwrite)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
