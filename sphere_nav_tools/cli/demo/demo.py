@@ -33,7 +33,6 @@ examples:
   sphere_nav demo
   sphere_nav demo --seed 7 --path block --output out/seven
   sphere_nav demo --path tour --traffic
-  sphere_nav demo --mounting inverted
   sphere_nav demo --condition overcast
 """
 SIMULATION = {
@@ -49,12 +48,6 @@ SIMULATION = {
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
 BUSY = {"traffic.density": "busy"}
-MOUNTINGS = {  # of the camera that drives
-    "upright": {},
-    "pitched": {"camera.mounting_deg": "1,0,1.6,0,30,0"},
-    "rolled": {"camera.mounting_deg": "1,0,1.6,90,4,0"},
-    "inverted": {"camera.mounting_deg": "1,0,1.6,180,4,0"},
-}
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
     "light.clouds": 0.7,
@@ -78,11 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     paths = ("two_turns", "block", "straight", "tour")
     choose(parser, "--path", paths, "tour: 490 m of a city (%(default)s)", "two_turns")
     flag(parser, "--traffic", "twice as much of it")
-    choose(parser, "--mounting", tuple(MOUNTINGS), "how the driving camera sits (%(default)s)", "upright")
     told = f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)"
     told += "; a map of one light may not serve another"
     add(parser, "--condition", "NAME", told, default="", choices=("", *CONDITIONS))
-    add(parser, "--domain", "N", "ROS domain (a free one of 50 to 99)", int, default=None)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -102,10 +93,10 @@ class Demo:
     """One run: its folder, its domain, and how the drive ended."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self.domain = claim_domain() if arguments.domain is None else arguments.domain
+        self.domain = claim_domain()
         place = TOUR if arguments.path == "tour" else {"path": arguments.path}
-        more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
-        self.simulation = SIMULATION | {"seed": arguments.seed} | place | more
+        traffic = BUSY if arguments.traffic else {}
+        self.simulation = SIMULATION | {"seed": arguments.seed} | place | traffic
         self.other_day = OTHER_DAY | {"condition": arguments.condition}
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length

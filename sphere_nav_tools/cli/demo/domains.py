@@ -26,4 +26,4 @@ def claim_domain(domains: Iterable[int] = FOR_DRIVES) -> int:
                 continue
             _claims.append(claim)
             return domain
-    raise RuntimeError(f"ROS domains: expected one of {domains} that is free, found all in use; --domain names another")
+    raise RuntimeError(f"ROS domains: expected one of {domains} that is free, found all in use")

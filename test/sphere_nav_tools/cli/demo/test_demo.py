@@ -25,8 +25,9 @@ def make_demo(tmp_path, monkeypatch):
     """Return what makes a demo of 46 m, in place of a town that takes seconds to build."""
     world, parser = SimpleNamespace(path=SimpleNamespace(length=46.0)), argparse.ArgumentParser()
     monkeypatch.setattr("sphere_nav_tools.cli.demo.demo.build_world", lambda *_: world)
+    monkeypatch.setattr("sphere_nav_tools.cli.demo.demo.claim_domain", lambda: 46)
     add_arguments(parser)
-    return lambda *words: Demo(parser.parse_args(["-o", str(tmp_path / "demo"), "--domain", "46", *words]))
+    return lambda *words: Demo(parser.parse_args(["-o", str(tmp_path / "demo"), *words]))
 
 
 @pytest.mark.parametrize(
