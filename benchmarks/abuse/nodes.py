@@ -73,9 +73,9 @@ def pictures() -> dict[str, Any]:
 def _bag_in(folder: Path) -> dict[str, Any]:
     if not (folder / "bag").exists():
         with BagWriter(folder / "bag") as bag:
-            for number in range(50):
-                bag.write("text", String(data=str(number)), number * 10_000_000)
-    return {"bag": str(folder / "bag"), "loop": True}
+            for number in range(20_000):  # for hours
+                bag.write("text", String(data=str(number)), number * 1_000_000_000)
+    return {"bag": str(folder / "bag")}
 
 
 def rig_in(folder: Path) -> dict[str, Any]:

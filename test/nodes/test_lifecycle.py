@@ -37,7 +37,7 @@ def values(tmp_path_factory):
     write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
     return {
         "route_navigator": {"network": str(folder / "routes.geojson"), "state": str(folder / "state")},
-        "bag_player": {"bag": str(folder / "bag"), "loop": True, "paused": True},
+        "bag_player": {"bag": str(folder / "bag"), "wait_for": "text"},
         "bag_recorder": {"topics": "text", "output": str(folder / "recorded")},
         "sphere_mapper": {"map_folder": str(folder / "maps")},
         "sphere_stitcher": {"rig": str(folder / "rig.yaml"), "stitch.width": 128},
