@@ -14,6 +14,7 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import find_offer
 from sphere_nav_tools.offline.settings import FileAction, add_overwrite
 from sphere_nav_tools.offline.tables import columns, write_json
@@ -23,9 +24,11 @@ HELP = """\
 Tell what a bag offers: its topics with type, rate, frame and size; then for mapping, localising and mcl what is
 missing, or the command to type. Topics may have any names. MAP and CLOUD stand for a map and a file of geometry.
 
+A video or a folder of images is no bag yet: the command that makes one is printed.
 
 examples:
   sphere_nav inspect drive
+  sphere_nav inspect walk_360.mp4
   sphere_nav inspect recording.mcap --json offer.json
   sphere_nav inspect six_cameras --rig rig.yaml
   sphere_nav inspect recording.db3 --mounting 0.4,0,1.1,0,0,0
@@ -34,7 +37,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add(parser, "bag", "BAG", "a recording", Path)
+    add(parser, "bag", "BAG", "a recording; or a video, or a folder of images", Path)
     add(parser, "--json", "F", "also write it as JSON", Path, action=FileAction)
     add_overwrite(parser)
     add(parser, "--rig", "F", "rig file of the cameras in the bag", Path)
@@ -43,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
+    if words := how_to_import(arguments.bag):
+        print("\n".join(words))
+        return 0
     with BagReader(arguments.bag) as bag:
         finder = TopicFinder(bag, arguments.topics, arguments.mounting)
         streams, (first, last) = finder.streams, bag.time_range

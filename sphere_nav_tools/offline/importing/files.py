@@ -48,13 +48,13 @@ def read_rgb(path: Path) -> Bytes:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
 
 
-def read_meters(path: Path, units_per_m: float = 1000.0) -> Floats:
-    """Return depth (H, W) of a 16-bit image in m, NaN where it is unknown: 0 and 65535."""
+def read_meters(path: Path, units_per_m: float = 1000.0, far: float = np.nan) -> Floats:
+    """Return depth or range (H, W) of a 16-bit image in m; 0 is unknown, 65535 `far`."""
     units = read_image(path, cv2.IMREAD_UNCHANGED, np.uint16)
     if units.ndim != 2:
         raise ValueError(f"{path}: expected one channel, found {units.shape[2]}")
     meters = units.astype(np.float32) / np.float32(units_per_m)
-    meters[(units == 0) | (units == np.iinfo(np.uint16).max)] = np.nan
+    meters[units == 0], meters[units == np.iinfo(np.uint16).max] = np.nan, far
     return meters
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from sphere_mapping.experiences.budget import Budget, thin
+from sphere_mapping.experiences.budget import thin
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.arrays import Array
@@ -32,7 +32,6 @@ def thin_map(
         graph = merged.graph
     if budget is not None:
         is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
-        thinned = thin(graph, Budget(budget), lambda *_: 0.0, is_whole=is_whole)
-        graph = thinned.graph
-        told += [f"{thinned.num_left} key spheres left for the budget"] * bool(thinned.num_left)
+        graph, num_left = thin(graph, budget, is_whole=is_whole)
+        told += [f"{num_left} key spheres left for the budget"] * bool(num_left)
     return graph, told
