@@ -54,5 +54,5 @@ def report_of(mode: Mode, path: ReferencePath | None, location: Location | None)
     """Return the status; on a closed path the way left is that of the present round."""
     progress, left = location.arc_length if location else 0.0, 0.0
     if path is not None:
-        left = path.length - (progress % path.length if path.is_closed else progress)
+        left = path.length - (progress)
     return FollowerReport(mode.state, mode.verdict, progress, left, mode.is_armed, mode.permission)

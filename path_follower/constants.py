@@ -13,7 +13,6 @@ MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not sam
 MAX_POINTS = 1_000_000  # of a given path; test_taught
 MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m of a path; test_taught
 MAX_GAP = 1e3  # m between two points; more is a slip of a decimal, and would be filled every 0.1 m; test_taught
-MAX_LINE_GAP = 0.5  # m between two lines of one file that follow each other; test_path_files
 CUSP_HYSTERESIS = 0.15  # m of way backwards that make a change of direction: more than poses scatter; test_taught
 MIN_TAUGHT = 0.3  # m/s; slower taught speeds are raised to it: the teacher stood; test_taught
 MAX_SIDEWAYS = math.radians(60.0)  # a car does not move across its heading; test_taught

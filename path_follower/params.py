@@ -63,7 +63,6 @@ class PathParams:
     """How a taught or given path becomes a reference trajectory."""
 
     smoothing_length: float = param(2.0, "bends shorter than this wavelength are taken as noise", "m", low=0.0)
-    is_closed: bool = param(False, "the last point leads on to the first: drive round and round")
     is_reverse_allowed: bool = param(True, "drive backwards where the heading of the points says so")
 
 
@@ -146,6 +145,6 @@ class PathFollowerParams(FollowerParams):
         "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
         choices=("pose", "odometry", "homing"),
     )
-    trajectory: str = param("", "file of the trajectory (.csv, .tum, .yaml, .geojson) to load at the start")
+    trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

@@ -68,7 +68,7 @@ class ReferencePath:
     """Points (N,) in order of driving; made by `taught.py` or `path_files.py`.
 
     `arc_length` never decreases; where the direction changes (a cusp) a point stands twice. `curvature` is by signed
-    way: the yaw rate is `speed * curvature`. A closed path has its first point again at the end.
+    way: the yaw rate is `speed * curvature`.
     """
 
     x: Array
@@ -78,13 +78,12 @@ class ReferencePath:
     arc_length: Array
     speed: Array
     segments: tuple[Segment, ...]
-    is_closed: bool = False
     map_id: str = ""  # of the map in whose frame it is; empty: unknown
     possible: Array | None = None  # speed (N,) if nothing but the cruise speed were another one; None: `speed`
 
     @property
     def length(self) -> float:
-        """Arc length of the last point, of one round where closed, in metres."""
+        """Arc length of the last point, in metres."""
         return float(self.arc_length[-1])
 
     @property
@@ -101,14 +100,13 @@ class ReferencePath:
         return replace(self, speed=np.clip(possible, -cruise, cruise), possible=possible)
 
     def end_of(self, segment: int) -> float:
-        """Return the arc length at which a segment ends; infinite for a closed path."""
-        return math.inf if self.is_closed else float(self.arc_length[self.segments[segment].last])
+        """Return the arc length at which a segment ends."""
+        return float(self.arc_length[self.segments[segment].last])
 
     def at(self, arc_length: float, segment: int) -> ReferencePoint:
-        """Return the reference at an arc length, kept within its segment; a closed path goes on and on."""
+        """Return the reference at an arc length, kept within its segment."""
         part = self.segments[segment]
-        s = arc_length % self.length if self.is_closed else arc_length
-        s = min(max(s, float(self.arc_length[part.first])), float(self.arc_length[part.last]))
+        s = min(max(arc_length, float(self.arc_length[part.first])), float(self.arc_length[part.last]))
         edge = self._edge_at(s, part)
         begin = float(self.arc_length[edge])
         share = (s - begin) / max(float(self.arc_length[edge + 1]) - begin, 1e-12)
@@ -124,7 +122,7 @@ class ReferencePath:
             speed=speed,
             yaw_rate=speed * curvature,
             curvature=curvature,
-            arc_length=arc_length if self.is_closed else s,
+            arc_length=s,
             direction=part.direction,
         )
 
@@ -135,21 +133,12 @@ class ReferencePath:
         cusp can take the vehicle away from its place in the sequence.
         """
         part = self.segments[last.segment]
-        begin = last.arc_length % self.length if self.is_closed else last.arc_length
-        first = self._edge_at(begin, part)
-        count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], begin + window)) - first)
-        if self.is_closed:
-            rest = max(0.0, begin + window - self.length)
-            count = part.last - first + int(np.searchsorted(self.arc_length, rest)) if rest else count
-            edges = (first + np.arange(min(count, part.last))) % part.last
-        else:
-            edges = np.arange(first, min(first + count, part.last))
+        first = self._edge_at(last.arc_length, part)
+        count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], last.arc_length + window)) - first)
+        edges = np.arange(first, min(first + count, part.last))
         feet = self._feet(pose, edges)
         best = int(np.argmin(feet.distance))
         found = self._location(pose, feet, best, int(edges[best]), last.segment)
-        if self.is_closed:
-            gone = (found.arc_length - begin + self.length / 2) % self.length - self.length / 2
-            return replace(found, arc_length=last.arc_length + max(gone, 0.0))
         return replace(found, arc_length=max(found.arc_length, last.arc_length))
 
     def locate(self, pose: Pose2) -> Location | None:

@@ -23,21 +23,18 @@ class Curve(NamedTuple):
     way: Array
 
 
-def smooth_curve(points: Array, params: PathParams, *, is_closed: bool) -> Curve:
+def smooth_curve(points: Array, params: PathParams) -> Curve:
     """Return the smooth curve along points (N, 2), N >= 2, that are all different from their neighbours.
 
     Steps: dense points are averaged over `MIN_SPACING`; a spline gives equal spacing; a low-pass filter removes
     bends below `smoothing_length`; a spline through the result gives tangent and curvature.
     """
     coarse = _average(points)
-    if is_closed:
-        coarse = _close(coarse)
-    even = _resample(coarse, is_closed=is_closed)
+    even = _resample(coarse)
     if params.smoothing_length > 0:
-        filtered = _filter_closed if is_closed else _filter_open
         step = float(np.median(np.linalg.norm(np.diff(even, axis=0), axis=-1)))
-        even = filtered(even, cutoff_weight(params.smoothing_length, step))
-    return _measure(even, is_closed=is_closed)
+        even = _filter(even, cutoff_weight(params.smoothing_length, step))
+    return _measure(even)
 
 
 def cutoff_weight(wavelength: float, spacing: float) -> float:
@@ -62,20 +59,13 @@ def _average(points: Array) -> Array:
     return np.array([points[0], *inner, points[-1]])
 
 
-def _close(points: Array) -> Array:
-    """Repeat the first point at the end, in place of a last one that nearly closes the ring."""
-    while len(points) > 3 and np.hypot(*(points[-1] - points[0])) < MIN_SPACING:
-        points = points[:-1]
-    return np.concatenate([points, points[:1]])
-
-
-def _resample(points: Array, *, is_closed: bool) -> Array:
+def _resample(points: Array) -> Array:
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-9)]
     way = arc_lengths(points)
     even = _even(way)
     if len(points) < 4 or _largest_bend(points) > MAX_BEND:
         return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
-    return _spline(way, points, is_closed)(even)
+    return _spline(way, points)(even)
 
 
 def _even(way: Array) -> Array:
@@ -88,14 +78,14 @@ def _largest_bend(points: Array) -> float:
     return float(np.abs(np.diff(directions)).max())
 
 
-def _spline(way: Array, points: Array, is_closed: bool) -> Any:
-    kind = "periodic" if is_closed else "not-a-knot" if len(points) > 3 else "natural"
+def _spline(way: Array, points: Array) -> Any:
+    kind = "not-a-knot" if len(points) > 3 else "natural"
     from scipy.interpolate import CubicSpline  # a second; the process of the control loop smooths nothing
 
     return CubicSpline(way, points, bc_type=kind)
 
 
-def _filter_open(points: Array, weight: float) -> Array:
+def _filter(points: Array, weight: float) -> Array:
     """Minimise |p - q|^2 + weight |third difference of q|^2."""
     count = len(points)
     if count < 5:
@@ -111,18 +101,10 @@ def _filter_open(points: Array, weight: float) -> Array:
     return np.asarray(solveh_banded(D, points))
 
 
-def _filter_closed(points: Array, weight: float) -> Array:
-    ring = points[:-1]
-    angle = 2.0 * np.pi * np.fft.rfftfreq(len(ring))
-    gain = 1.0 / (1.0 + weight * (2.0 * np.sin(angle / 2.0)) ** 6)
-    smooth = np.fft.irfft(np.fft.rfft(ring, axis=0) * gain[:, None], n=len(ring), axis=0)
-    return np.concatenate([smooth, smooth[:1]])
-
-
-def _measure(points: Array, *, is_closed: bool) -> Curve:
+def _measure(points: Array) -> Curve:
     lengths = np.hypot(*np.diff(points, axis=0).T)
     way = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9))])
-    spline = _spline(way, points, is_closed)
+    spline = _spline(way, points)
     even = _even(way)
     position, first, second = spline(even), spline(even, 1), spline(even, 2)
     speed = np.maximum(np.hypot(*first.T), 1e-9)

@@ -56,7 +56,7 @@ def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: Vehicle
     return np.maximum(limit, CREEP)
 
 
-def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_closed: bool) -> Array:
+def speed_profile(way: Array, limits: Array, vehicle: VehicleParams) -> Array:
     """Return the speed (N,) that keeps to the limits, brakes in time for them, and stops at the end.
 
     Braking: v^2 of a point <= v^2 of the next + 2 deceleration * distance. Speeding up likewise, but not from
@@ -64,13 +64,9 @@ def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_close
     """
     squared = np.square(limits)
     steps = np.diff(way)
-    if not is_closed:
-        squared[-1] = 0.0
-    for _ in range(2 if is_closed else 1):
-        if is_closed:
-            squared[-1] = squared[0] = min(squared[0], squared[-1])
-        _bound_rise(squared[::-1], 2.0 * vehicle.max_deceleration * steps[::-1])
-        _bound_rise(squared, 2.0 * vehicle.max_acceleration * steps)
+    squared[-1] = 0.0
+    _bound_rise(squared[::-1], 2.0 * vehicle.max_deceleration * steps[::-1])
+    _bound_rise(squared, 2.0 * vehicle.max_acceleration * steps)
     return np.sqrt(squared)
 
 

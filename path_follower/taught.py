@@ -27,15 +27,13 @@ class Given(NamedTuple):
     """What a path is made of: points (N, 2) m in order of driving, headings (N,) rad and speeds (N,) m/s where known.
 
     Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds, NaN
-    where unknown. `map_id`: of the map it was taught in; `frame`: empty where nobody says.
+    where unknown. `map_id`: of the map it was taught in.
     """
 
     points: Array
     yaw: Array | None = None
     speed: Array | None = None
-    is_closed: bool = False
     map_id: str = ""
-    frame: str = ""
 
 
 def make_path(given: Given, params: FollowerParams) -> ReferencePath:
@@ -43,22 +41,17 @@ def make_path(given: Given, params: FollowerParams) -> ReferencePath:
     path, xy = params.path, given.points
     headings = _check(xy, given.yaw)
     speeds = np.full(len(xy), np.nan) if given.speed is None else np.abs(given.speed)
-    is_closed = given.is_closed or path.is_closed
-    if is_closed:
-        _check_ring(xy)
     parts = _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]
-    if is_closed and len(parts) > 1:
-        raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
     if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
         raise ValueError("path: expected forward driving only (path.is_reverse_allowed), found points driven backwards")
     pieces: list[tuple[Curve, int, Array]] = []
     for first, last, direction in parts:
         order = slice(first, last + 1)
-        curve = smooth_curve(_distinct(xy[order]), path, is_closed=is_closed)
+        curve = smooth_curve(_distinct(xy[order]), path)
         if headings is not None:
             _check_heading(xy[order], headings[order], curve, direction)
         pieces.append((curve, direction, _bound(xy[order], speeds[order], curve, params.speed)))
-    return replace(_join(pieces, params, is_closed), map_id=given.map_id).at_cruise(params.speed.cruise)
+    return replace(_join(pieces, params), map_id=given.map_id).at_cruise(params.speed.cruise)
 
 
 def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
@@ -103,15 +96,6 @@ def _check(xy: Array, headings: Array | None) -> Array | None:
     inner = headings[len(xy) > 3 : max(2, len(xy) - 1)]  # not of start and goal
     is_same = np.ptp(inner) < 1e-6 and _is_across(xy, float(inner[0]))  # everywhere, and not that of the way
     return None if is_same else headings
-
-
-def _check_ring(xy: Array) -> None:
-    """Refuse what is no round: fewer than three places, or an end that is nowhere near the beginning."""
-    places, gap = len(np.unique(xy, axis=0)), float(np.hypot(*(xy[-1] - xy[0])))
-    if places < 3:
-        raise ValueError(f"path: expected three points or more of a closed path, found {places}")
-    if gap > MAX_GAP:
-        raise ValueError(f"path: expected the last point at most {MAX_GAP:.0f} m from the first, found {gap:.4g} m")
 
 
 def _is_across(xy: Array, yaw: float) -> bool:
@@ -180,7 +164,7 @@ def speeds_along(xy: Array, speeds: Array, way: Array) -> Array:
     return np.interp(way, _share(xy)[known] * way[-1], speeds[known])
 
 
-def _join(pieces: list[tuple[Curve, int, Array]], params: FollowerParams, is_closed: bool) -> ReferencePath:
+def _join(pieces: list[tuple[Curve, int, Array]], params: FollowerParams) -> ReferencePath:
     """Return the trajectory of curves with their directions and largest speeds (M,)."""
     vehicle = params.vehicle
     unhurried = replace(params.speed, cruise=vehicle.max_speed)
@@ -190,9 +174,9 @@ def _join(pieces: list[tuple[Curve, int, Array]], params: FollowerParams, is_clo
     for curve, direction, bound in pieces:
         segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
         limits = np.minimum(bound, speed_limits(curve.way, curve.bend, unhurried, vehicle))
-        speed = direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed)
+        speed = direction * speed_profile(curve.way, limits, vehicle)
         yaw = curve.tangent + (np.pi if direction < 0 else 0.0)
         columns.append((curve.x, curve.y, yaw, direction * curve.bend, start + curve.way, speed))
         begin, start = begin + len(curve.way), start + float(curve.way[-1])
     x, y, yaw, bend, way, speed = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments), is_closed)
+    return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments))

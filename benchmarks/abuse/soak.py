@@ -119,11 +119,11 @@ def run(options: argparse.Namespace) -> Report:
     for number in range(NUM_VIEWS):
         view = course.look(*course.pose(along(number)))
         views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
-    turns = np.linspace(0.0, 2.0 * np.pi, 400)
+    turns = np.linspace(0.0, 2.0 * np.pi * minutes, round(400 * minutes))  # more rounds than are driven
     circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
     (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
     parameters: dict[str, dict[str, Any]] = {
-        "path_follower": {"trajectory": folder / "path.csv", "path.is_closed": "true"},
+        "path_follower": {"trajectory": folder / "path.csv"},
         "dense_localizer": {"map": course.map},
         "mcl_depth": {"cloud": course.map, "input.timeout_s": 3.0},
         "sphere_stitcher": rig_in(folder),

@@ -1,9 +1,6 @@
-"""Where the node gets its trajectory from: a file, a nav_msgs/Path, a ReferenceTrajectory, the call load_trajectory."""
+"""Where the node gets its trajectory from: a file, a nav_msgs/Path, the call load_trajectory."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Path
@@ -33,27 +30,18 @@ class TrajectoryIntake:
         self.path: ReferencePath | None = None
         self.points = np.empty((0, 2))
         self.shown = endpoints.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
-        for topic, kind, use in (
-            ("reference_path", Path, self.on_path),
-            ("reference_trajectory", ReferenceTrajectory, self.on_trajectory),
-        ):
-            read = self.standing(topic, kind, use)
-            endpoints.add_subscription(topic, kind, read, qos.LATCHED, is_required=False, raw=True)
+        endpoints.add_subscription("reference_path", Path, self.read_path, qos.LATCHED, is_required=False, raw=True)
         endpoints.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
             self.path = read_path(self.params.trajectory, self.params)
             self.loop.ask("load", self.path)
 
-    def standing(self, topic: str, kind: type[Any], use: Callable[[Any], None]) -> Callable[[bytes], None]:
-        """Return what converts a message and uses it where the vehicle stands; else it is not even read."""
-
-        def read(data: bytes) -> None:
-            if self.loop.ask("is_at_rest"):
-                use(from_bytes(data, kind, MAX_PATH_BYTES))
-            else:
-                self.log.warning(f"{topic}: not read while the vehicle is under way: call stop first", every=5.0)
-
-        return read
+    def read_path(self, data: bytes) -> None:
+        """Convert a message and use it where the vehicle stands; else it is not even read."""
+        if self.loop.ask("is_at_rest"):
+            self.on_path(from_bytes(data, Path, MAX_PATH_BYTES))
+        else:
+            self.log.warning("reference_path: not read while the vehicle is under way: call stop first", every=5.0)
 
     def tune(self, params: PathFollowerParams) -> None:
         """Make trajectories with other values from now on, and show the one in force."""
@@ -75,14 +63,6 @@ class TrajectoryIntake:
         self.use(make_path(Given(points, yaw, speeds), self.params))
         self.points = points
 
-    def on_trajectory(self, message: ReferenceTrajectory) -> None:
-        """Use a reference trajectory."""
-        driving.check_frames(message, self.params.map_frame)
-        points, headings, speeds = driving.message_to_trajectory(message)
-        turns = np.stack([0.0 * headings, 0.0 * headings, np.sin(headings / 2.0), np.cos(headings / 2.0)], axis=-1)
-        yaw = headings if message.is_reverse_allowed else told_headings(points, turns)
-        self.use(make_path(Given(points, yaw, speeds, message.is_closed, message.map_id), self.params))
-
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""
         if not self.loop.ask("is_at_rest"):
@@ -90,7 +70,7 @@ class TrajectoryIntake:
         path = read_path(request.path, self.params)
         self.use(path)
         response.success, response.num_points = True, len(path)
-        response.length, response.is_closed = path.length, path.is_closed
+        response.length = path.length
         return response
 
     def use(self, path: ReferencePath) -> None:

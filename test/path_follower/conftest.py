@@ -140,9 +140,9 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
     return drive
 
 
-def make_path(points, params, yaw=None, speed=None, is_closed=False):
+def make_path(points, params, yaw=None, speed=None):
     xy, *columns = (None if values is None else np.asarray(values, dtype=float) for values in (points, yaw, speed))
-    return path_of(Given(xy, *columns, is_closed), params)
+    return path_of(Given(xy, *columns), params)
 
 
 def course(*pieces, step=0.05, start=(0.0, 0.0, 0.0)):
@@ -187,12 +187,12 @@ class Kit:
     make_path = staticmethod(make_path)
     assert_within_limits = staticmethod(assert_within_limits)
 
-    def follow(self, poses, world=None, params=None, start=None, is_closed=False, each=None, seconds=300.0, **more):
+    def follow(self, poses, world=None, params=None, start=None, each=None, seconds=300.0, **more):
         """Make the path, drive it from its first pose (or `start`), check every command; return the drive."""
         params = params or FollowerParams()
         poses = np.asarray(poses, dtype=float)
         yaw = poses[:, 2] if poses.shape[1] > 2 else None
-        follower = Follower(params, make_path(poses[:, :2], params, yaw, is_closed=is_closed))
+        follower = Follower(params, make_path(poses[:, :2], params, yaw))
         first = start if start is not None else (*poses[0, :2], follower.path.yaw[0] if yaw is None else yaw[0])
         drive = run(follower, first, world, seconds, each, **more)
         assert_within_limits(drive, params)

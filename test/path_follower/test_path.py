@@ -41,20 +41,6 @@ def test_at_a_crossing_the_foot_stays_on_its_branch(kit):
         assert foot.arc_length == pytest.approx(s, abs=0.02)  # the polygon of 0.1 m edges
 
 
-def test_a_closed_path_goes_on_and_on(kit):
-    ring = kit.course((2 * math.pi * 8, 1 / 8))[:-1]
-    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2], is_closed=True)
-    assert path.length == pytest.approx(2 * math.pi * 8, rel=1e-3)
-    assert path.end_of(0) == math.inf
-    foot = path.begin_of(0)
-    for s in np.arange(0.0, 2.5 * path.length, 0.5):
-        true = path.at(s, 0)
-        foot = path.advance(Pose2(true.x, true.y, true.yaw), foot, 2.0)
-        assert foot.arc_length == pytest.approx(s, abs=0.02)
-    there, before = path.at(path.length + 3.0, 0), path.at(3.0, 0)
-    assert (there.x, there.y) == (pytest.approx(before.x), pytest.approx(before.y))
-
-
 def test_a_start_looks_for_the_heading_and_takes_the_first_of_equal_places(kit):
     loop = kit.course((10, 0), (2 * math.pi * 4, 1 / 4), (10, 0))  # the way out runs over the way in? no: goes on
     path = kit.make_path(loop[:, :2], PARAMS, loop[:, 2])

@@ -47,15 +47,14 @@ def test_changes_of_curvature_are_slow_by_the_steering_rate():
 
 
 def test_a_profile_never_asks_for_more_than_the_car_gives():
-    for is_closed in [False, True]:
-        limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
-        speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
-        gain = np.diff(speed**2) / (2 * np.diff(WAY))
-        assert np.all(speed <= limits + 1e-12)
-        assert gain.max() <= CAR.max_acceleration + 1e-9
-        assert gain.min() >= -CAR.max_deceleration - 1e-9
-        assert speed[0] == pytest.approx(1.4)
-        assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
+    limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
+    speed = speed_profile(WAY, limits, CAR)
+    gain = np.diff(speed**2) / (2 * np.diff(WAY))
+    assert np.all(speed <= limits + 1e-12)
+    assert gain.max() <= CAR.max_acceleration + 1e-9
+    assert gain.min() >= -CAR.max_deceleration - 1e-9
+    assert speed[0] == pytest.approx(1.4)
+    assert speed[-1] == 0.0
 
 
 def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late():
@@ -70,13 +69,6 @@ class Ramp:
 
     def at(self, arc_length, segment):
         return reference(-arc_length, -1)
-
-
-def test_a_closed_profile_brakes_over_the_seam():
-    limits = np.where(WAY < 1.0, 0.3, 2.0)
-    speed = speed_profile(WAY, limits, CAR, is_closed=True)
-    assert speed[-1] == pytest.approx(0.3)
-    assert speed[-11] == pytest.approx(math.sqrt(0.3**2 + 2 * 1.1 * 1.0))
 
 
 def tracking(remaining, direction=1):

@@ -1,8 +1,5 @@
 """From taught poses to the trajectory: directions, cusps, speeds, and every reason to refuse a path (F22)."""
 
-import math
-from itertools import product
-
 import numpy as np
 import pytest
 
@@ -108,7 +105,7 @@ def circle(radius, turn, spacing):
 def test_a_circle_keeps_its_radius():
     for spacing in [0.02, 0.1, 1.0]:
         for radius in [3.0, 10.0]:
-            curve = smooth_curve(circle(radius, 5.0, spacing), SMOOTHING, is_closed=False)
+            curve = smooth_curve(circle(radius, 5.0, spacing), SMOOTHING)
             inner = slice(20, -20)  # the ends know one side only
             np.testing.assert_allclose(curve.bend[inner], 1 / radius, rtol=0.01)
             # Averages over the 0.2 m of a bin lie inside by 0.2^2 / 24 / radius at most.
@@ -120,36 +117,25 @@ def test_a_circle_keeps_its_radius():
 def test_noise_of_two_centimeters_does_not_reach_the_curvature():
     clean = np.stack([np.arange(0, 30, 0.05), np.zeros(600)], axis=-1)
     noisy = clean + np.random.default_rng(0).normal(0, 0.02, clean.shape)
-    curve = smooth_curve(noisy, SMOOTHING, is_closed=False)
+    curve = smooth_curve(noisy, SMOOTHING)
     assert np.sqrt(np.mean(curve.y**2)) < 0.01
     assert np.sqrt(np.mean(curve.bend[10:-10] ** 2)) < 0.03  # a wheel moved by two degrees
     assert curve.way[-1] == pytest.approx(30.0, abs=0.1)  # zigzags would lengthen it
 
 
 def test_a_wave_of_the_smoothing_length_is_halved():
-    for (wavelength, gain), is_closed in product([(2.0, 0.5), (20.0, 1.0), (0.75, 0.0)], [False, True]):
-        x, radius = np.linspace(0, 60, 285, endpoint=False), 30 / np.pi  # wide enough not to be averaged
-        wave = 1e-2 * np.sin(2 * np.pi * x / wavelength)
-        ring = (radius + wave)[:, None] * np.stack([np.cos(x / radius), np.sin(x / radius)], axis=-1)
-        curve = smooth_curve(ring if is_closed else np.stack([x, wave], axis=-1), SMOOTHING, is_closed=is_closed)
+    for wavelength, gain in [(2.0, 0.5), (20.0, 1.0), (0.75, 0.0)]:
+        x = np.linspace(0, 60, 285, endpoint=False)  # wide enough not to be averaged
+        curve = smooth_curve(np.stack([x, 1e-2 * np.sin(2 * np.pi * x / wavelength)], axis=-1), SMOOTHING)
         inner = (curve.way > 10) & (curve.way < 50)
-        found = np.sqrt(2) * np.std((np.hypot(curve.x, curve.y) if is_closed else curve.y)[inner]) / 1e-2
+        found = np.sqrt(2) * np.std(curve.y[inner]) / 1e-2
         assert found == pytest.approx(gain, abs=0.03)
-
-
-def test_a_ring_closes_without_a_seam():
-    ring = circle(8.0, 2 * math.pi, 0.3)
-    curve = smooth_curve(ring, SMOOTHING, is_closed=True)
-    assert (curve.x[0], curve.y[0]) == (pytest.approx(curve.x[-1]), pytest.approx(curve.y[-1]))
-    assert curve.bend[0] == pytest.approx(curve.bend[-1])
-    np.testing.assert_allclose(curve.bend, 1 / 8, rtol=0.01)
-    assert curve.tangent[-1] - curve.tangent[0] == pytest.approx(2 * math.pi, abs=1e-6)
 
 
 def test_points_of_a_curve_are_joined_by_a_curve_and_corners_by_straight_lines():
     for bend, is_curve in [(0.5, True), (0.7, False)]:
         angles = bend * np.arange(5)
         points = 5.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        curve = smooth_curve(points, PathParams(smoothing_length=0.0), is_closed=False)
+        curve = smooth_curve(points, PathParams(smoothing_length=0.0))
         lowest = np.hypot(curve.x, curve.y).min()
         assert lowest == pytest.approx(5.0 if is_curve else 5.0 * np.cos(bend / 2), abs=0.03)

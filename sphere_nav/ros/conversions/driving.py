@@ -133,17 +133,6 @@ def trajectory_to_message(path: Any, stamp: int, frame_id: str) -> ReferenceTraj
         header=header(stamp, frame_id),
         points=[ReferencePoint(**dict(zip(names, row, strict=True))) for row in rows],
         length=float(path.length),
-        is_closed=bool(path.is_closed),
         is_reverse_allowed=bool(np.any(path.speed < 0)),
         map_id=str(path.map_id),
     )
-
-
-def message_to_trajectory(message: ReferenceTrajectory) -> tuple[Array, Array, Array]:
-    """Return points (N, 2), headings (N,) and speeds (N,); ValueError for speeds below 0 where they are not allowed."""
-    rows = [(p.position_x, p.position_y, p.yaw, p.speed) for p in message.points]
-    values = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    backwards = np.flatnonzero(values[:, 3] < 0)
-    if backwards.size and not message.is_reverse_allowed:
-        raise ValueError(f"points[{backwards[0]}].speed: expected 0 or more (is_reverse_allowed), found a negative one")
-    return values[:, :2], values[:, 2], values[:, 3]

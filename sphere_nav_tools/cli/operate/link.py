@@ -156,7 +156,7 @@ class Link:
 
     def _on_path(self, message: ReferenceTrajectory) -> None:
         points = np.array([(p.position_x, p.position_y) for p in message.points]).reshape(-1, 2)
-        self.seen.hear("path", np.vstack([points, points[:1]]) if message.is_closed else points)
+        self.seen.hear("path", points)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         self._place("pose", message, np.reshape(message.pose.covariance, (6, 6))[:2, :2])

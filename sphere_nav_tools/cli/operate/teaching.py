@@ -24,7 +24,7 @@ MAPPING = (  # then its check, which tells what it found
     "from sphere_nav_tools.cli.main import main; "
     "sys.exit(main(sys.argv[1:]) or main(['map-verify', sys.argv[sys.argv.index('-o') + 1]]))"
 )
-PATHS = (".tum", ".csv", ".yaml", ".geojson")
+PATHS = (".tum", ".csv")
 LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node of a line in the log
 MAX_LINE = 200
 

@@ -43,7 +43,7 @@ def loop(bus, kit):
 def test_all_topics_are_named(loop):
     """What is not named could not be remapped in the process of the loop."""
     opened = {wanted.topic for wanted in loop.endpoints.inputs} - {
-        *("/tf", "/tf_static", "reference_path", "reference_trajectory")  # of the front
+        *("/tf", "/tf_static", "reference_path")  # of the front
     }
     assert opened <= set(ControlLoop.TOPICS)
 

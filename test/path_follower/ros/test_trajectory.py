@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
-from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
 from path_follower.params import FollowerParams
 from path_follower.ros.node import PathFollowerNode
@@ -45,12 +43,13 @@ def test_orientations_that_were_never_filled_in_are_no_headings(intake):
         intake.points = np.empty((0, 2))
         intake.on_path(west)
         assert [segment.direction for segment in intake.loop.follower.path.segments] == [1]
-    points = [ReferencePoint(position_x=-0.1 * i) for i in range(50)]
-    message = ReferenceTrajectory(points=points)
-    message.header.frame_id = "map"
-    for message.is_reverse_allowed, direction in [(False, 1), (True, -1)]:
-        intake.on_trajectory(message)
-        assert [segment.direction for segment in intake.loop.follower.path.segments] == [direction]
+    for item in west.poses:
+        item.pose.orientation.z, item.pose.orientation.w = 1e-3, 1.0
+    intake.on_path(west)
+    assert intake.loop.follower.path.segments[0].direction == 1  # the same points again: nothing new
+    intake.points = np.empty((0, 2))
+    intake.on_path(west)
+    assert intake.loop.follower.path.segments[0].direction == -1  # told, and it fits
 
 
 def test_a_path_that_comes_again_does_not_disturb_the_drive(intake):
@@ -63,10 +62,9 @@ def test_a_path_that_comes_again_does_not_disturb_the_drive(intake):
 
 
 def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
-    read = intake.standing("reference_path", Path, intake.on_path)
     with pytest.raises(ValueError, match=f"expected at most {MAX_PATH_BYTES} bytes, found 72000028"):
-        read(bytes(72_000_028))
-    read(serialize_message(taught(length=5.0)))
+        intake.read_path(bytes(72_000_028))
+    intake.read_path(serialize_message(taught(length=5.0)))
     assert intake.loop.follower.path.length == pytest.approx(4.9)
 
 

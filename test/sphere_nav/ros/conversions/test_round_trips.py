@@ -10,12 +10,9 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 
-from path_follower.params import FollowerParams
-from path_follower.taught import Given, make_path
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.localization.status import Status
 from sphere_nav.ros import conversions as to
-from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.conversions.beliefs import particles_to_message
 from sphere_nav.ros.conversions.clouds import features_to_message, message_to_features
 from sphere_nav.ros.conversions.graphs import experiences_to_messages, messages_to_experiences
@@ -40,10 +37,6 @@ KEY_SPHERES = [
     KeySphere(4, STAMP + 1, OTHER, served=0.5, last_served_ns=STAMP + 8),
 ]  # fmt: skip
 GRAPH = SphereGraph(KEY_SPHERES, [Edge(7, 4, OTHER, np.linalg.inv(COVARIANCE), is_loop=True)])
-PATH = make_path(
-    Given(np.stack([np.arange(0, 3, 0.1), np.sin(np.arange(0, 3, 0.1))], 1), np.zeros(30), map_id="yard"),
-    FollowerParams(),
-)
 STATUS = Status(
     "DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.625, (3, 7), 0.75, 0.375, 4.5, 12, 6.5, 0.125, 9, 0.875, "yard"
 )
@@ -83,8 +76,6 @@ TRIPS: dict[str, tuple[Any, Any, Any, Any]] = {
               lambda m: [to.message_to_graph(m).nodes, to.message_to_graph(m).edges],
               [{node.id: replace(node, served=0.0, last_served_ns=0, experience=Experience()) for node in KEY_SPHERES},
                GRAPH.edges]),
-    "trajectory": (PATH, lambda path: driving.trajectory_to_message(path, STAMP, "map"), driving.message_to_trajectory,
-                   (np.stack([PATH.x, PATH.y], axis=-1), PATH.yaw, PATH.speed)),
     "status": (STATUS, lambda status: to.status_to_message(status, STAMP, "map"), to.message_to_status,
                replace(STATUS, stamp_ns=STAMP)),
     "window": (Spherical(20, 8, 50.5, 3.25, 4.5), lambda camera: to.camera_to_sphere_info(camera, "map"),
