@@ -21,7 +21,7 @@ MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
 # Start of one camera (test_calibrate, boards/test_bundle): pixels per radian on its axis by the image's width
 FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15)}
-FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni", "ocam"), np.geomspace(0.12, 1.2, 13))
+FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni"), np.geomspace(0.12, 1.2, 13))
 MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
 
 # Joining cameras and boards (boards/test_assembly)

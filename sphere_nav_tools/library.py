@@ -21,7 +21,7 @@ from dense_localizer.localizer import Localizer as ImageLocalizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd
 from sphere_mapping.params import MapperParams
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Spherical
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole, Spherical
 from sphere_nav.geometry import Camera as CameraModel
 from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.geometry.trajectory import Trajectory
@@ -60,13 +60,13 @@ __all__ = [
     "register",
     "render",
 ]
-CAMERAS = (Pinhole, Fisheye, Omni, OCam, DoubleSphere, Spherical)
+CAMERAS = (Pinhole, Fisheye, Omni, DoubleSphere, Spherical)
 FRAME_NS = 100_000_000  # from image to image where no stamps are given
 Kind = TypeVar("Kind")
 
 
 class Camera:
-    """Makes cameras. Models for other lenses: `sphere_nav.geometry` (Fisheye, Omni, OCam, DoubleSphere, Spherical)."""
+    """Makes cameras. Models for other lenses: `sphere_nav.geometry` (Fisheye, Omni, DoubleSphere, Spherical)."""
 
     @staticmethod
     def from_fx(

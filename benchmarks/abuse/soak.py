@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> Report:
     for number in range(NUM_VIEWS):
         view = course.look(*course.pose(along(number)))
         views.append(np.clip(np.rint(view + rng.normal(0.0, NOISE, view.shape)), 0, 255).astype(np.uint8))
-    turns = np.linspace(0.0, 2.0 * np.pi * minutes, round(400 * minutes))  # more rounds than are driven
+    turns = np.linspace(0.0, 40.0 * np.pi, 8000)  # more rounds than are driven
     circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
     (folder / "path.csv").write_text("\n".join(circle), encoding="utf-8")
     parameters: dict[str, dict[str, Any]] = {

@@ -8,7 +8,6 @@ written.
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.ocam import OCam
 from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
@@ -22,7 +21,6 @@ __all__ = [
     "DoubleSphere",
     "Fisheye",
     "FrameMotion",
-    "OCam",
     "Omni",
     "Pinhole",
     "Rig",

@@ -29,7 +29,7 @@ DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 COMMANDS = {  # the module that carries it out, and what it does
     "import": ("import_", "turn a recorded data set into a bag with our topics and its truth"),
     "calibrate": ("calibrate", "find the parameters of a rig of cameras from images of a board"),
-    "rig-convert": ("rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
+    "rig-convert": ("rig_convert", "turn a file of Kalibr, basalt or OpenCV into a rig file"),
     "register": ("register", "align two spheres, RGB-D images or stereo pairs"),
     "inspect": ("bags.inspect_", "tell what a bag offers, and what to type"),
     "map": ("maps.map", "make a map of key spheres from a bag"),

@@ -1,4 +1,4 @@
-"""`sphere_nav rig-convert`: a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml."""
+"""`sphere_nav rig-convert`: a calibration of Kalibr, basalt or OpenCV to rig.yaml."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
 
 HELP = """\
-A calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml.
+A calibration of Kalibr, basalt or OpenCV to rig.yaml.
 
 examples:
   sphere_nav rig-convert camchain.yaml -o rig.yaml
   sphere_nav rig-convert calibration.json --frame imu -o rig.yaml
   sphere_nav rig-convert intrinsics.yml extrinsics.yml --size 640x480 --unit 0.025 -o rig.yaml
-  sphere_nav rig-convert calib_results.txt -o camera.yaml
 
 Kalibr: pinhole (radtan, equidistant, none), ds, omni (none, radtan). basalt: ds, ucm, kb4, pinhole, pinhole-radtan8.
-OpenCV: one camera or a stereo pair, YAML of FileStorage. OCamCalib: calib_results.txt. Every lens keeps its own model;
-models that the rig file does not have are refused by name. Masks and levels are written into rig.yaml by hand.
+OpenCV: one camera or a stereo pair, YAML of FileStorage. Every lens keeps its own model; models that the rig file does
+not have are refused by name. Masks and levels are written into rig.yaml by hand.
 """
 
 

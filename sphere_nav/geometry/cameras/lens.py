@@ -1,7 +1,6 @@
 """Cameras as vectors (fx, fy, cx, cy, distortion...) of one length for all models, and what each number does to pixels.
 
-omni: k1 k2 p1 p2, k3 = 0, xi. ocam: b2 b3 b4 and s, in units of f = h0: a ray (q, 1 + b2 r^2 + b3 r^3 + b4 r^4) with
-r = |q| is seen at (fx qx, fy (qy + s qx)); a turn of A about the axis would be one of the camera, so that its e is 0.
+omni: k1 k2 p1 p2, k3 = 0, xi.
 """
 
 from __future__ import annotations
@@ -11,27 +10,20 @@ import numpy as np
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.ocam import OCam
 from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
-K3, XI = 8, 9  # of an omni; b2 b3 b4 s of an ocam stand from 4 on
-MODELS = ("pinhole", "fisheye", "omni", "ocam")
-OCAM_DEGREE = 4  # as OCamCalib's own default
+K3, XI = 8, 9  # of an omni
+MODELS = ("pinhole", "fisheye", "omni")
 STEP = 1e-6  # of coefficients, which pixels are nearly linear in
 
 
 def lens_of(camera: Camera) -> Array:
     """Return the parameters (12,) of a camera of one of the models, zeros behind its own."""
-    if isinstance(camera, Pinhole | Fisheye | Omni):
-        own = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
-    elif isinstance(camera, OCam) and camera.e == 0.0 and len(camera.polynomial) == OCAM_DEGREE + 1:
-        f = camera.polynomial[0]
-        powers = [h * f ** (power - 1) for power, h in enumerate(camera.polynomial)]
-        own = [f, f * camera.c, camera.cx, camera.cy, *powers[2:], camera.d / camera.c]
-    else:
-        raise ValueError(f"model: expected one of {', '.join(MODELS)} (ocam: degree 4, e = 0), found {camera.model!r}")
+    if not isinstance(camera, Pinhole | Fisheye | Omni):
+        raise ValueError(f"model: expected one of {', '.join(MODELS)}, found {camera.model!r}")
+    own = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
     found = np.concatenate([own, np.zeros(NUM_LENS - len(own))])
     if isinstance(camera, Omni):
         found[XI] = camera.xi
@@ -43,8 +35,6 @@ def first_lens(model: str, focal: float, center: tuple[float, float]) -> Array:
     found = np.array([focal, focal, *center, *np.zeros(NUM_LENS - 4)])
     if model == "omni":
         found[:2], found[XI] = 2.0 * focal, 1.0
-    elif model == "ocam":
-        found[4:7] = -1 / 3, 0.0, -1 / 45  # b2 b3 b4: r cot r, by its series
     return found
 
 
@@ -56,9 +46,6 @@ def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: in
         return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
     if model == "omni":
         return Omni(width, height, fx, fy, cx, cy, lens[XI].item(), (k[0], k[1], k[2], k[3]))
-    if model == "ocam":
-        powers = (value * fx ** (1 - power) for power, value in enumerate((1.0, 0.0, *k[: OCAM_DEGREE - 1])))
-        return OCam(width, height, cx, cy, tuple(powers), fy / fx, k[OCAM_DEGREE - 1] * fy / fx, 0.0)
     return Pinhole(width, height, fx, fy, cx, cy, tuple(k[:num_distortion]))
 
 

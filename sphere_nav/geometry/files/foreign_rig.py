@@ -1,4 +1,4 @@
-"""Rigs in the files of other programs: Kalibr's camchain, basalt's calibration, OpenCV's FileStorage, OCamCalib's."""
+"""Rigs in the files of other programs: Kalibr's camchain, basalt's calibration, OpenCV's FileStorage."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.kalibr_file import is_kalibr, read_kalibr
-from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
 from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
 from sphere_nav.geometry.files.untrusted import told_at
 
@@ -32,19 +31,17 @@ def read_foreign_cameras(
         raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}")
     if chosen == "opencv":
         return read_opencv(paths, image_size, model, unit_m)
-    return {"kalibr": read_kalibr, "basalt": read_basalt, "ocam": read_ocam}[chosen](paths[0])
+    return read_kalibr(paths[0]) if chosen == "kalibr" else read_basalt(paths[0])
 
 
 def _format(paths: Sequence[Path]) -> str:
-    if is_ocam(paths[0]):
-        return "ocam"
     values = load_opencv(paths[0])
     for name, is_it in (("kalibr", is_kalibr), ("basalt", is_basalt), ("opencv", is_opencv)):
         if is_it(values):
             return name
     raise ValueError(
-        f"{paths[0]}: expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...), an OpenCV "
-        "calibration (camera_matrix, M1, R and T) or one of OCamCalib, found neither"
+        f"{paths[0]}: expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...) or an OpenCV "
+        "calibration (camera_matrix, M1, R and T), found neither"
     )
 
 

@@ -13,7 +13,6 @@ import yaml
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.ocam import OCam
 from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
@@ -34,27 +33,25 @@ from sphere_nav.geometry.files.untrusted import (
 from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
-MODELS: dict[str, Any] = {model.model: model for model in (Pinhole, Fisheye, DoubleSphere, Omni, OCam)}
-LISTS = ("distortion", "polynomial")  # of numbers that a lens has behind its intrinsics
+MODELS: dict[str, Any] = {model.model: model for model in (Pinhole, Fisheye, DoubleSphere, Omni)}
 CAMERA_FIELDS = (
     "model",
     "width",
     "height",
     "intrinsics",
     "distortion",
-    "polynomial",
     "T_rig_camera",
     "mask",
     "exposure_group",
     "level",
 )
-OPTIONAL = ("distortion", "polynomial", "mask", "exposure_group", "level")
+OPTIONAL = ("distortion", "mask", "exposure_group", "level")
 RIG_FIELDS = ("format", "format_version", "name", "version", "num_cameras", "cameras")
 HEADER = f"""\
 # Camera rig. Metres and pixels; pixel centres are integers. T_rig_camera takes optical coordinates (x right, y down,
 # z forward) to those of the rig (x forward, y left, z up).
 # models: {", ".join(MODELS)}; distortion: up to 8 numbers (pinhole: k1 k2 p1 p2 k3 k4 k5 k6), 4 (fisheye: k1 k2 k3 k4).
-# omni: Mei's, xi and k1 k2 p1 p2 k3; ocam: polynomial: h0 h1 ... (OCamCalib's, sign turned), c d e its affine part.
+# omni: Mei's, xi and k1 k2 p1 p2 k3.
 # mask: image of the camera's size, 0 where it must not be used; a relative path begins at this file's folder.
 # exposure_group: cameras of one group share exposure and white balance. level: top, bottom, or empty (one sphere).
 """
@@ -121,7 +118,7 @@ def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
 
 
 def _intrinsics(model: Any) -> list[str]:
-    return [field.name for field in fields(model) if field.name not in ("width", "height", *LISTS)]
+    return [field.name for field in fields(model) if field.name not in ("width", "height", "distortion")]
 
 
 def _model(values: Mapping[str, Any]) -> Camera:
@@ -130,12 +127,10 @@ def _model(values: Mapping[str, Any]) -> Camera:
     lens = mapping(values["intrinsics"], "intrinsics", _intrinsics(model))
     given: dict[str, Any] = {key: number(value, f"intrinsics.{key}") for key, value in lens.items()}
     check_center((given["cx"], given["cy"]), (width, height), "intrinsics")
-    for name in LISTS:
-        found = numbers(values.get(name) or [], name)
-        is_known = any(field.name == name for field in fields(model))
-        if found and not is_known:
-            raise ValueError(f"{name}: expected none for {model.model}, found {len(found)} numbers")
-        given |= {name: found} if found or (is_known and name == "polynomial") else {}
+    found = numbers(values.get("distortion") or [], "distortion")
+    if found and model is DoubleSphere:
+        raise ValueError(f"distortion: expected none for {model.model}, found {len(found)} numbers")
+    given |= {"distortion": found} if found else {}
     camera: Camera = model(width, height, **given)
     return camera
 
@@ -144,14 +139,12 @@ def _camera_values(part: RigCamera, folder: Path) -> dict[str, Any]:
     camera = part.camera
     if camera.model not in MODELS:
         raise ValueError(f"{part.name}: expected a camera of {', '.join(MODELS)}, found {camera.model}")
-    polynomial = [float(value) for value in getattr(camera, "polynomial", ())]
     return {
         "model": camera.model,
         "width": camera.width,
         "height": camera.height,
         "intrinsics": {key: float(getattr(camera, key)) for key in _intrinsics(camera)},
         "distortion": [float(value) for value in getattr(camera, "distortion", ())],
-        **({"polynomial": polynomial} if polynomial else {}),
         "T_rig_camera": part.T_rig_camera.matrix.tolist(),
         "mask": None if part.mask is None else _relative(part.mask, folder),
         "exposure_group": part.exposure_group,

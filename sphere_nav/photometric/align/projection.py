@@ -20,7 +20,6 @@ MODELS = {
     "double_sphere": kernels.PLANE,
     "omni": kernels.PLANE,
     "fisheye": kernels.RADIAL,
-    "ocam": kernels.RADIAL,
     "spherical": kernels.SPHERICAL,
 }
 EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)

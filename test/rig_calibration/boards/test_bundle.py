@@ -9,7 +9,7 @@ from rig_calibration.boards.intrinsics import calibrate_camera, view_poses
 from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
-from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
+from sphere_nav.geometry import SE3, Omni, Pinhole
 from sphere_nav.geometry.cameras.lens import lens_of
 
 CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))
@@ -40,12 +40,11 @@ def single(seen):
 
 
 OMNI = Omni(640, 480, 430.0, 431.0, 318.0, 243.0, 1.2, (-0.1, 0.04, 1e-3, -5e-4))
-OCAM = OCam(640, 480, 318.0, 243.0, (200.0, 0.0, -1.6e-3, 1.1e-6, -3e-9), 1.002, 4e-3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("camera", [OMNI, OCAM], ids=lambda camera: camera.model)
-def test_a_wide_lens_comes_back_in_its_own_model(camera):
+def test_a_wide_lens_comes_back_in_its_own_model():
+    camera = OMNI
     views = views_of(camera, 1.0, 0.3)
     found = calibrate_camera(camera.model, (640, 480), views)
     assert type(found.camera) is type(camera)

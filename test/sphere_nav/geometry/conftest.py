@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Spherical
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole, Spherical
 
 NORMS = {
     "ordinary": (0.1, 3.0),
@@ -17,7 +17,6 @@ CAMERAS = {
     "fisheye": Fisheye(1280, 1024, 330.0, 329.0, 640.0, 510.0, (0.02, -0.005, 0.001, -0.0002)),
     "double sphere": DoubleSphere(1216, 1216, 225.0, 222.6, 610.8, 612.7, -0.28, 0.57),
     "omni, long": Omni(1280, 1024, 1100.0, 1102.0, 640.0, 511.0, 1.9, (-0.2, 0.3, 1e-3, -5e-4)),
-    "ocam, turned": OCam(1024, 768, 510.0, 390.0, (300.0, -0.05, -8e-4, 1e-7), 0.97, 0.02, -0.03),
     "sphere": Spherical(512, 256),
     "window over the seam": Spherical(200, 100, 512.0, 420.0, 80.0),  # columns 420 ... 511 and 0 ... 107
 }

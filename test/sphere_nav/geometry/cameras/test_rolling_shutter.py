@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Fisheye, FrameMotion, OCam, Omni, Pinhole
+from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Omni, Pinhole
 from sphere_nav.geometry.cameras.lens import J_lens, camera_of, first_lens, lens_of
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 
@@ -37,7 +37,6 @@ LENSES = (
     Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
     Fisheye(640, 480, 250.0, 251.0, 321.0, 238.0, (0.03, -0.012, 0.004, -0.0006)),
     Omni(640, 480, 500.0, 501.0, 321.0, 238.0, 1.3, (-0.12, 0.06, 2e-3, -3e-3)),
-    OCam(640, 480, 321.0, 238.0, (230.0, 0.0, -1.3e-3, 1.1e-6, -3e-9), 1.002, 4e-3),
 )
 
 
