@@ -8,8 +8,15 @@ from sphere_nav.params import group, param, parameters
 
 
 @parameters
-class TurningParams:
-    """How tightly the car turns, and how far it reaches ahead."""
+class FrontParams:
+    """How far the car reaches ahead."""
+
+    front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
+
+
+@parameters
+class VehicleParams(FrontParams):
+    """The car and what it must never be asked for."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
     rear_steering: float = param(
@@ -18,7 +25,14 @@ class TurningParams:
     max_steering_angle: float = param(
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
     )
-    front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
+    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
+    max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
+    max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
+    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
+    stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
+    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
+    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
+    width: float = param(1.2, "width of the body", "m", low=0.05)
 
     @property
     def virtual_wheelbase(self) -> float:
@@ -33,20 +47,6 @@ class TurningParams:
     def max_curvature(self) -> float:
         """Largest curvature of the path that the steering angle allows, 1/m."""
         return math.tan(self.max_steering_angle) / self.virtual_wheelbase
-
-
-@parameters
-class VehicleParams(TurningParams):
-    """The car and what it must never be asked for."""
-
-    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
-    max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
-    max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
-    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
-    stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
-    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
-    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
-    width: float = param(1.2, "width of the body", "m", low=0.05)
 
 
 @parameters

@@ -18,15 +18,6 @@ SNAP = 3  # points from the end of a curve that are its end
 REVERSE_COST, CUSP_COST = 3.0, 5.0  # times the time driven backwards; s for a change of direction
 AT_PLACE = 0.5  # m before or behind a place within which a vehicle is there
 
-# Joining (test_course)
-JOIN_WITHIN = 10.0  # m within which it is on the path
-JOINED = (0.03, math.radians(2.0))  # m, rad: on the path
-TURN_SHARE = 0.95  # of the car's curvature that a join takes: the rest is for control
-LEAD = 1.0  # m of the circle behind the vehicle on which it begins: half of what the follower smooths over
-MAX_DETOUR = 3.0  # m driven for each m within which it has to be on the path: no car that goes round in circles
-MAX_GROWTH = 1.05  # of the offset by the law alone; beyond it the wheel goes as far as it may
-TURN_RATE = 1.2  # 1/m of steering angle a metre, rad: at 0.6 m/s the wheels turn at 0.7 rad/s
-
 # Missions (test_mission)
 TICK = 0.2  # s
 MAX_SILENCE = 2.0  # s without pose, status of the localiser or of the follower

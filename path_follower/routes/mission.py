@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from path_follower.modes import BRAKING, WITHDRAWN, FollowerState
-from path_follower.params import TurningParams
+from path_follower.params import FrontParams
 from path_follower.path import Pose2
 from path_follower.reasons import SEVERITY, Severity, StopReason
 from path_follower.routes.constants import (
@@ -134,7 +134,7 @@ class MissionRecord:
 class Mission:
     """One mission at a time; give it what happens, ask it what to do."""
 
-    def __init__(self, network: Network, params: MissionParams, vehicle: TurningParams) -> None:
+    def __init__(self, network: Network, params: MissionParams, vehicle: FrontParams) -> None:
         """Begin without a mission, all edges open."""
         self.network, self.params, self.vehicle = network, params, vehicle
         self.outcome: Outcome | None = None  # of a mission that has ended; whoever tells it takes it away
@@ -184,9 +184,9 @@ class Mission:
 
     def _way_on(self, route: Route) -> float | None:
         """Return how far the follower is on a route in m, which it has smoothed; None: it has another path."""
-        total, whole = self.view.progress + self.view.distance_to_end, route.length + route.lead
-        is_its = min(route.length, total) > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
-        return max(self.view.progress * whole / total - route.lead, 0.0) if is_its else None
+        total, whole = self.view.progress + self.view.distance_to_end, route.length
+        is_its = min(whole, total) > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
+        return self.view.progress * whole / total if is_its else None
 
     def answer(self, request: Request, failure: str, permission: int, now: float) -> None:
         """Take the answer to a request, empty: it was done, and its permission is `permission` now.
@@ -506,19 +506,12 @@ class Mission:
     def _course(self, now: float) -> tuple[Route, Array]:
         """Return the way from where the vehicle is, and its path; ValueError with a name for what there is not."""
         assert self.goal is not None
-        assert self.pose is not None
         starts = self.here()
         if not starts:
             expected = f"a vehicle within {self.params.reach:g} m of the network, heading along it"
             raise ValueError(f"no way: expected {expected}")
-        while True:
-            route = self.way(starts, self.goal, self.laps_remaining, now)
-            try:
-                return make_course(self.network, route, self.pose[0], self.vehicle)
-            except ValueError:
-                starts = [spot for spot in starts if spot.edge != route.legs[0].edge]
-                if not starts:
-                    raise
+        route = self.way(starts, self.goal, self.laps_remaining, now)
+        return route, make_course(self.network, route)
 
     # --- what is said, by the names of NavigatorStatus
     @property

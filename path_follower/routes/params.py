@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from path_follower.params import TurningParams
+from path_follower.params import FrontParams
 from sphere_nav.params import group, param, parameters
 
 
@@ -14,7 +14,7 @@ class MissionParams:
         1.4, "speed by which ways are compared and times are told: that of path_follower", "m/s", low=0.05
     )
     reach: float = param(
-        1.0, "largest distance of the vehicle, or of a goal, from the network", "m", low=0.05, high=3.0
+        0.8, "largest distance of the vehicle, or of a goal, from the network", "m", low=0.05, high=3.0
     )
     patience: float = param(15.0, "how long an obstacle may stand before another way is taken", "s", low=0.0)
     memory: float = param(300.0, "how long an edge counts as closed for an obstacle", "s", low=0.0)
@@ -28,5 +28,5 @@ class RouteNavigatorParams:
     network: str = param("", "network of taught paths: a map that has one, or a .geojson file")
     state: str = param("", "folder for what survives a restart; empty: ~/.ros/sphere_nav")
     map_frame: str = param("map", "frame of the poses and of the network")
-    vehicle: TurningParams = group(TurningParams)
+    vehicle: FrontParams = group(FrontParams)
     mission: MissionParams = group(MissionParams)

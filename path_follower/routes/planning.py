@@ -42,22 +42,16 @@ class Leg:
 
 @dataclass(frozen=True)
 class Route:
-    """Legs in order of driving, and s that they take at the cruise speed; each round at the end has `round_legs`.
-
-    Where a vehicle joins from beside it, the first leg is longer than on the network by `change` m, and the path begins
-    `lead` m behind the vehicle.
-    """
+    """Legs in order of driving, and s that they take at the cruise speed; each round at the end has `round_legs`."""
 
     legs: tuple[Leg, ...]
     seconds: float = 0.0
     round_legs: int = 0
-    change: float = 0.0
-    lead: float = 0.0
 
     @cached_property
     def ends(self) -> Array:
         """Where legs end (K,), m from the vehicle."""
-        return self.change + np.cumsum([leg.length for leg in self.legs])
+        return np.cumsum([leg.length for leg in self.legs])
 
     @property
     def length(self) -> float:

@@ -63,9 +63,8 @@ def name_place(file: Path, network: Network, name: str, *at: float) -> Network:
 
 def write_way(file: Path, network: Network, route: Route) -> int:
     """Write a way on a network as a path, and return the number of its points."""
-    vehicle = VehicleParams()
-    _, points = make_course(network, route, None, vehicle)
-    write_course(file, points, network.map_id, vehicle.max_speed)
+    points = make_course(network, route)
+    write_course(file, points, network.map_id, VehicleParams().max_speed)
     return len(points)
 
 

@@ -28,7 +28,6 @@ class Trip:
         self.mode = Mode()
         self.now, self.asked = 0.0, []
         self.progress, self.length = 0.0, 0.0
-        self.lead = 0.0  # m that the path begins behind the vehicle
         self.localizer, self.pose, self.is_answering, self.refusal = "TRACKING", Pose2(1.0, 0.1, 0.0), True, ""
         self.silent = ""  # who says nothing
         self.follow()
@@ -40,7 +39,7 @@ class Trip:
     def follow(self):
         mode = self.mode
         words = mode.state, mode.permission, mode.verdict.reason, "call start"
-        way = self.progress + self.lead, self.length - self.progress
+        way = self.progress, self.length - self.progress
         self.mission.see_follower(FollowerView(*words, *way, self.now))
 
     def live(self, seconds=TICK):
@@ -68,9 +67,9 @@ class Trip:
 
         refusal = Arming.under(self, request.permission, do, is_stop=request.name in ("pause", "stop"))
         if request.name == "load" and not refusal:
-            self.length, self.progress, self.lead = request.route.length, 0.0, request.route.lead
+            self.length, self.progress = request.route.length, 0.0
         if request.name == "clear" and not refusal:
-            self.length = self.progress = self.lead = 0.0
+            self.length = self.progress = 0.0
         self.mission.answer(request, refusal, self.mode.permission, self.now)
 
     def drive_off(self, goal=GOAL):
@@ -198,8 +197,7 @@ def test_a_smoothed_course_or_another_path_does_not_spoil_the_progress(trip):
     for total, progress in ((0.996 * length - 0.9, 10.0), (1.004 * length + 0.9, 12.0), (1.006 * length + 1.0, 30.0)):
         trip.length, trip.progress = total, progress
         trip.live()
-    whole, told, lead = length + trip.lead, 1.004 * length + 0.9 + trip.lead, trip.lead
-    assert trip.mission.progress == pytest.approx((12.0 + lead) * whole / told - lead)
+    assert trip.mission.progress == pytest.approx(12.0 * length / (1.004 * length + 0.9))
 
 
 def test_a_follower_that_does_not_answer_is_told_again_to_pause(trip):
@@ -294,7 +292,7 @@ def test_where_no_way_is_left_the_mission_ends_with_a_name(trip):
     trip.pose = Pose2(1.0, 3.0, 0.0)
     trip.mission.begin(GOAL, trip.now)
     trip.live(2 * STEADY)
-    assert trip.mission.outcome.reason.startswith("no way: expected a vehicle within 1 m of the network")
+    assert trip.mission.outcome.reason.startswith("no way: expected a vehicle within 0.8 m of the network")
 
 
 def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):

@@ -98,7 +98,7 @@ def kept(fork, tmp_path):
     mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=3, wait=1.5), 0.0)
     mission.close(str(max(fork.edges)), True, 0.0)
     legs = Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)
-    mission.route = Route(legs, 24.0, round_legs=2, change=0.25, lead=1.0)
+    mission.route = Route(legs, 24.0, round_legs=2)
     mission.laps_remaining, mission.driven = 2, 12.5
     write_mission(tmp_path / "mission.json", mission)
     return mission
@@ -109,7 +109,7 @@ def test_a_mission_comes_back_as_it_was_with_the_laps_that_are_left(kept, fork, 
     read_mission(tmp_path / "mission.json", mission, 5.0)
     assert (mission.goal, mission.laps_remaining, mission.route) == (kept.goal, 2, kept.route)
     assert (mission.closed_now(1e9), mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
-    assert (mission.distance_remaining, mission.time_remaining) == (pytest.approx(12.25), pytest.approx(24.0))
+    assert (mission.distance_remaining, mission.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
 
 
 BROKEN_MISSIONS = {
@@ -133,7 +133,7 @@ def test_a_file_that_is_no_mission_is_refused(tmp_path, fork):
 
 def test_a_course_is_what_the_follower_reads(fork, tmp_path):
     route = plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0)
-    _, points = make_course(fork, route, None, VehicleParams())
+    points = make_course(fork, route)
     points[:50, 3] = np.nan
     write_course(tmp_path / "course.csv", points, "campus")
     path = read_path(tmp_path / "course.csv", FollowerParams())
