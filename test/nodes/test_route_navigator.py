@@ -134,7 +134,7 @@ def test_calls_answer_why_not(trip):
         trip.begin(place="moon")
     with pytest.raises(ValueError, match="frame_id: expected 'map', found 'odom'"):
         trip.begin(pose=se3_to_pose_stamped(SE3.identity(), 0, "odom"))
-    with pytest.raises(ValueError, match=r"pose: expected one within 1 m of the network"):
+    with pytest.raises(ValueError, match=r"pose: expected one within 0.8 m of the network"):
         trip.begin(pose=se3_to_pose_stamped(SE3.from_planar(5, 5, 0), 0, "map"))
     with pytest.raises(ValueError, match="wait_s: expected 0 or more"):
         trip.begin(place="end", wait_s=-1.0)

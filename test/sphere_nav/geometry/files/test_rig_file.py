@@ -1,7 +1,5 @@
 """rig.yaml: what is written is read back, and every defect is one line with file, field, expected and found."""
 
-import json
-
 import numpy as np
 import pytest
 import yaml
@@ -11,7 +9,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
 from sphere_nav_tools.offline.importing.files import read_image
-from worlds.foreign import read_foreign, refusal
+from worlds.foreign import refusal
 
 
 @pytest.fixture
@@ -106,30 +104,6 @@ def test_a_defect_is_one_line_with_its_place(path):
         change(values)
         path.write_text(yaml.safe_dump(values, sort_keys=False))
         assert expected in refusal(read_rig, path)
-
-
-CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
-
-
-def test_a_file_that_is_none_is_one_line(tmp_path):
-    for text, expected in [
-        ("", "expected a Kalibr camchain"),
-        ("- 1", "expected a Kalibr camchain"),
-        ("[" * 5000, "expected YAML"),
-        ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
-    ]:
-        (tmp_path / "x.yaml").write_text(text)
-        line = refusal(lambda path: read_foreign([path]), tmp_path / "x.yaml")
-        assert expected in line
-        assert len(line) < 600
-
-
-def test_a_camchain_is_one_file(tmp_path):
-    path = tmp_path / "x.json"
-    path.write_text(json.dumps({"cam0": CAM0}))
-    assert read_foreign([path]).names == ("cam0",)
-    with pytest.raises(ValueError, match="expected one kalibr file, found 2"):
-        read_foreign([path, path])
 
 
 def test_a_file_beyond_its_limit_is_not_read(tmp_path):
