@@ -63,7 +63,6 @@ class PathParams:
     """How a taught or given path becomes a reference trajectory."""
 
     smoothing_length: float = param(2.0, "bends shorter than this wavelength are taken as noise", "m", low=0.0)
-    is_reverse_allowed: bool = param(True, "drive backwards where the heading of the points says so")
 
 
 @parameters

@@ -38,16 +38,14 @@ class Given(NamedTuple):
 
 def make_path(given: Given, params: FollowerParams) -> ReferencePath:
     """Make the trajectory; ValueError for what cannot be driven."""
-    path, xy = params.path, given.points
+    xy = given.points
     headings = _check(xy, given.yaw)
     speeds = np.full(len(xy), np.nan) if given.speed is None else np.abs(given.speed)
     parts = _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]
-    if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
-        raise ValueError("path: expected forward driving only (path.is_reverse_allowed), found points driven backwards")
     pieces: list[tuple[Curve, int, Array]] = []
     for first, last, direction in parts:
         order = slice(first, last + 1)
-        curve = smooth_curve(_distinct(xy[order]), path)
+        curve = smooth_curve(_distinct(xy[order]), params.path)
         if headings is not None:
             _check_heading(xy[order], headings[order], curve, direction)
         pieces.append((curve, direction, _bound(xy[order], speeds[order], curve, params.speed)))

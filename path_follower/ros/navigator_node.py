@@ -19,7 +19,6 @@ from path_follower.routes.mission import FollowerView, Goal, Mission, MissionSta
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
-from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
 from sphere_nav.ros.conversions import driving, header
@@ -159,12 +158,8 @@ class RouteNavigator(ManagedNode):
             self.go_on()
 
     def _goal(self, request: Navigate.Goal) -> Goal:
-        wait = number(request.wait_s, "wait_s")
-        if wait < 0.0:
-            raise ValueError(f"wait_s: expected 0 or more, found {wait:g}")
-        if request.place:
-            return Goal(request.place, None, int(request.laps), wait)
-        return Goal("", self._pose(request.pose), int(request.laps), wait)
+        pose = None if request.place else self._pose(request.pose)
+        return Goal(request.place, pose, int(request.laps))
 
     def _pose(self, message: PoseStamped) -> Pose2:
         driving.check_frames(message, self.params.map_frame)

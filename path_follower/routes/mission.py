@@ -56,21 +56,20 @@ class MissionState(enum.StrEnum):
     STOPPING = "STOPPING"
     PAUSED = "PAUSED"
     HELD = "HELD"
-    STAYING = "STAYING"
 
 
-IDLE, WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD, STAYING = MissionState
+IDLE, WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD = MissionState
 # What may interrupt a state, besides its own step in `Mission.tick`: where it leads to. In a state that is not named it
 # changes nothing. Out of PAUSED and HELD leads only what somebody asks for, of the mission or of the follower.
 TABLE: dict[str, dict[MissionState, MissionState]] = {
-    "begin": {IDLE: WAITING, **dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD, STAYING), STOPPING)},
-    "cancel": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD, STAYING), STOPPING),
+    "begin": {IDLE: WAITING, **dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD), STOPPING)},
+    "cancel": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD), STOPPING),
     "pause": dict.fromkeys((WAITING, STARTING, DRIVING), PAUSED),
     "resume": dict.fromkeys((PAUSED, HELD), STOPPING),
     "resume of a pause": dict.fromkeys((PAUSED, HELD), STARTING),
     "edge closed": dict.fromkeys((STARTING, DRIVING), STOPPING),
     "follower started": dict.fromkeys((WAITING, STARTING, PAUSED, HELD), DRIVING),
-    "follower paused": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, HELD, STAYING), PAUSED),
+    "follower paused": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, HELD), PAUSED),
     "permission ended": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING), HELD),
     "no answer": dict.fromkeys((WAITING, STARTING, DRIVING), HELD),
 }
@@ -78,12 +77,11 @@ TABLE: dict[str, dict[MissionState, MissionState]] = {
 
 @dataclass(frozen=True)
 class Goal:
-    """Where to: a place, or a pose on the network; rounds after that, and s to stay there."""
+    """Where to: a place, or a pose on the network, and rounds after that."""
 
     place: str = ""
     pose: Pose2 | None = None
     laps: int = 0
-    wait: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +280,6 @@ class Mission:
             DRIVING: self._drive,
             STOPPING: self._stop,
             PAUSED: self._stand,
-            STAYING: self._stay,
             HELD: self._hold,
         }
         if self.state is not IDLE:
@@ -440,15 +437,10 @@ class Mission:
         elif now >= self._asked_at + LATE:
             self._ask("pause", now)
 
-    def _stay(self, now: float) -> None:
-        if self.goal is not None and now - self._since >= self.goal.wait:
-            self._conclude(True, "", now)
-
     def _arrive(self, now: float) -> None:
         self.progress = self.route.length
         self._leave_route()
-        self._go(STAYING, now)
-        self._stay(now)
+        self._conclude(True, "", now)
 
     def _refused(self, request: Request, failure: str, now: float) -> None:
         """What the follower would not do: for what is missing it is asked again, all else waits for somebody.

@@ -39,13 +39,6 @@ def test_orientations_left_at_their_default_are_not_taken_for_headings(kit):
     assert path.yaw[-1] == pytest.approx(1.5, abs=0.02)
 
 
-def test_backward_driving_can_be_forbidden(kit):
-    params = FollowerParams(path=PathParams(is_reverse_allowed=False))
-    poses = kit.course((-6, 0))
-    with pytest.raises(ValueError, match="expected forward driving only"):
-        kit.make_path(poses[:, :2], params, poses[:, 2])
-
-
 NAN_AT_3 = np.array([[0, 0], [1, 0], [2, 0], [np.nan, 0], [4, 0]])
 
 

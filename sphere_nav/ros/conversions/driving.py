@@ -133,6 +133,5 @@ def trajectory_to_message(path: Any, stamp: int, frame_id: str) -> ReferenceTraj
         header=header(stamp, frame_id),
         points=[ReferencePoint(**dict(zip(names, row, strict=True))) for row in rows],
         length=float(path.length),
-        is_reverse_allowed=bool(np.any(path.speed < 0)),
         map_id=str(path.map_id),
     )

@@ -102,7 +102,7 @@ def test_only_what_somebody_asks_for_leads_out_of_a_hold_and_nothing_but_a_goal_
         assert "IDLE" not in TABLE[event]
     ended = TABLE["permission ended"]
     assert set(ended.values()) == {"HELD"}
-    assert ended.keys() == set(MissionState) - {"IDLE", "PAUSED", "HELD", "STAYING"}  # all that ask for motion
+    assert ended.keys() == set(MissionState) - {"IDLE", "PAUSED", "HELD"}  # all that ask for motion
 
 
 def test_a_mission_loads_starts_and_arrives(trip):

