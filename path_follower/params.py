@@ -144,6 +144,6 @@ class PathFollowerParams(FollowerParams):
         "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
         choices=("pose", "odometry", "homing"),
     )
-    trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
+    trajectory: str = param("", "file of the trajectory (.csv, .tum, .yaml) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

@@ -1,17 +1,18 @@
-"""Reference trajectories in files: TUM poses of a taught drive, and CSV."""
+"""Reference trajectories in files: TUM poses of a taught drive, CSV, and YAML of a nav_msgs/Path."""
 
 from __future__ import annotations
 
 import os
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from path_follower.constants import MAX_POINTS
-from path_follower.params import FollowerParams
+from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import Given, make_path, taught_speeds, told_headings
-from sphere_nav.geometry.files.untrusted import number, read_text, short, told_at
+from sphere_nav.geometry.files.untrusted import load_yaml, number, read_as, read_text, short, told_at
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 
 COLUMNS = ("x", "y", "yaw", "speed")
@@ -22,15 +23,18 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams) -> Reference
     """Read a file by its ending; ValueError in one line: file, line or field, expected, found."""
     file = Path(path)
     given = read_given(file)
+    expected_frame = params.map_frame if isinstance(params, PathFollowerParams) else given.frame
+    if given.frame not in ("", expected_frame):
+        raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
     with told_at(file):
         return make_path(given, params)
 
 
 def read_given(file: Path) -> Given:
     """Read what a file says of its points, by its ending; ValueError in one line."""
-    readers = {".csv": _read_csv, ".tum": _read_tum}
+    readers = {".csv": _read_csv, ".tum": _read_tum, ".yaml": _read_yaml}
     if file.suffix not in readers:
-        raise ValueError(f"{file}: expected a .csv or .tum file, found {file.suffix or 'no ending'}")
+        raise ValueError(f"{file}: expected a .csv, .tum or .yaml file, found {file.suffix or 'no ending'}")
     return readers[file.suffix](file)
 
 
@@ -62,3 +66,57 @@ def _row(where: str, words: list[str], order: list[str]) -> list[float]:
         hint = ": decimal commas?" if len(words) >= 2 * len(order) else ""
         raise ValueError(f"{where}: expected {len(order)} columns, found {len(words)}{hint}")
     return [number(word, f"{where}: {name}") for name, word in zip(order, words, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Header:
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class _Position:
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class _Orientation:
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+@dataclass(frozen=True)
+class _Pose:
+    position: _Position
+    orientation: _Orientation
+
+
+@dataclass(frozen=True)
+class _PoseStamped:
+    pose: _Pose
+    header: _Header = _Header()
+
+
+@dataclass(frozen=True)
+class _Path:
+    poses: tuple[_PoseStamped, ...]
+    header: _Header = _Header()
+
+
+def _read_yaml(file: Path) -> Given:
+    """Read a nav_msgs/Path as `ros2 topic echo --once` writes it; a leading slash of a frame is one of ROS 1."""
+    path: _Path = read_as(_Path, load_yaml(file, read_text(file, "trajectory").rstrip().removesuffix("---")), str(file))
+    frames = [header.frame_id.lstrip("/") for header in (path.header, *(one.header for one in path.poses))]
+    frame = next(filter(None, frames), "")
+    for i, own in enumerate(frames):
+        if own not in ("", frame):
+            where = f"{file}: poses[{i - 1}].header.frame_id"
+            raise ValueError(f"{where}: expected {frame!r}, that of the path, found {short(own)}")
+    xy = np.array([astuple(one.pose.position) for one in path.poses]).reshape(-1, 2)
+    turns = np.array([astuple(one.pose.orientation) for one in path.poses]).reshape(-1, 4)
+    for bad in np.flatnonzero(turns.any(axis=1) & (np.abs(np.linalg.norm(turns, axis=1) - 1.0) > 1e-2)):
+        found = short(turns[bad].tolist())
+        raise ValueError(f"{file}: poses[{bad}].orientation: expected a unit quaternion, found {found}")
+    return Given(xy, told_headings(xy, turns), frame=frame)

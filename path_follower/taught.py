@@ -27,13 +27,14 @@ class Given(NamedTuple):
     """What a path is made of: points (N, 2) m in order of driving, headings (N,) rad and speeds (N,) m/s where known.
 
     Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds, NaN
-    where unknown. `map_id`: of the map it was taught in.
+    where unknown. `map_id`: of the map it was taught in; `frame`: that of the points, where it is told.
     """
 
     points: Array
     yaw: Array | None = None
     speed: Array | None = None
     map_id: str = ""
+    frame: str = ""
 
 
 def make_path(given: Given, params: FollowerParams) -> ReferencePath:

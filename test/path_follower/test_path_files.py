@@ -1,9 +1,11 @@
 """Trajectories in files: there and back, and what is wrong with a file."""
 
+import json
+
 import numpy as np
 import pytest
 
-from path_follower.params import FollowerParams
+from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path_files import read_path
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
@@ -75,11 +77,63 @@ def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
         with pytest.raises(ValueError, match=message) as caught:
             read_path(tmp_path / "path.csv", PARAMS)
         assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match=r"path\.yaml: expected a \.csv or \.tum file, found \.yaml"):
-        read_path(tmp_path / "path.yaml", PARAMS)
+    with pytest.raises(ValueError, match=r"path\.json: expected a \.csv, \.tum or \.yaml file, found \.json"):
+        read_path(tmp_path / "path.json", PARAMS)
 
 
 def test_stamps_in_nanoseconds_are_named(tmp_path):
     (tmp_path / "ns.tum").write_text("1700000000000000000 0 0 0 0 0 0 1\n1700000001000000000 1 0 0 0 0 0 1\n")
     with pytest.raises(ValueError, match=r"ns\.tum:1: stamp: expected seconds from 0 to 2\^31, .* \(nanoseconds\?\)"):
         read_path(tmp_path / "ns.tum", PARAMS)
+
+
+def echo(points, turns, frames=("map",)):
+    """A nav_msgs/Path as `ros2 topic echo` writes it, as far as it is read."""
+    poses = [
+        {
+            "header": {"frame_id": frames[min(i, len(frames) - 1)]},
+            "pose": {"position": {"x": x, "y": y, "z": 0}, "orientation": dict(zip("xyzw", turn, strict=True))},
+        }
+        for i, ((x, y), turn) in enumerate(zip(points, turns, strict=True))
+    ]
+    return {"header": {"frame_id": "map"}, "poses": poses}
+
+
+IDENTITY, UNSET, BACK_TURN = (0, 0, 0, 1), (0, 0, 0, 0), (0, 0, 1, 0)
+
+
+def test_orientations_that_were_never_filled_in_are_no_headings(tmp_path):
+    ways = {"west": WEST, "north": [(0.0, -x) for x, _ in WEST], "bend": [(x, 0.1 * x * x) for x, _ in WEST]}
+    for points in ways.values():
+        for turn in (IDENTITY, UNSET):
+            for start, goal in [(turn, turn), (turn, (0, 0, 0.6, 0.8)), ((0, 0, 0.6, 0.8), BACK_TURN)]:
+                file = tmp_path / "path.yaml"
+                file.write_text(json.dumps(echo(points, [start, *[turn] * 10, goal])))
+                path = read_path(file, PathFollowerParams())
+                assert [segment.direction for segment in path.segments] == [1]
+    file.write_text(json.dumps(echo(WEST, [(0, 0, 1e-3, 1)] * 12)))
+    assert read_path(file, PathFollowerParams()).segments[0].direction == -1  # told, and it fits
+
+
+def test_a_pose_of_another_frame_than_its_path_is_refused(tmp_path):
+    file = tmp_path / "path.yaml"
+    file.write_text(json.dumps(echo(WEST, [IDENTITY] * 12, ("/map", "map", "odom"))))
+    with pytest.raises(ValueError, match=r"poses\[2\].header.frame_id: expected 'map', that of the path, found 'odom'"):
+        read_path(file, PathFollowerParams())
+
+
+PATH = """\
+header: {stamp: {sec: 0, nanosec: 0}, frame_id: map}
+poses:
+- pose: {position: {x: 0.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+- pose: {position: {x: 2.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+- pose: {position: {x: 1.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+---
+"""
+
+
+def test_yaml_holds_a_path_as_it_is_echoed(tmp_path):
+    (tmp_path / "path.yaml").write_text(PATH)
+    path = read_path(tmp_path / "path.yaml", PathFollowerParams())
+    assert [segment.direction for segment in path.segments] == [1, -1]
+    assert path.y == pytest.approx(1.0)
