@@ -24,7 +24,7 @@ aligning B with A. Exit status 1 where the alignment is refused; the JSON and on
 
 examples:
   sphere_nav register kitchen:0 kitchen:10
-  sphere_nav register recording:0 recording:10
+  sphere_nav register recording:0 recording:10 --driver realsense
   sphere_nav register color0.png,depth0.png color9.png,depth9.png --camera 525,525,319.5,239.5 --depth-units 5000
   sphere_nav register l0.png,r0.png l1.png,r1.png --camera 707.09,707.09,601.89,183.11 --baseline 0.537
 """

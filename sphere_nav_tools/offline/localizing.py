@@ -68,7 +68,7 @@ def replay_localizer(
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(set(published_topics), start_ns=bag.time_range[0])
         stack.callback(bus.close)
-        finder = TopicFinder(bag, arguments.topics, arguments.mounting)
+        finder = TopicFinder.of(bag, arguments)
         remap = finder.odometry | finder.find_localizer(arguments.settings).topics
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
         cameras = topics.camera_names(remap)

@@ -48,7 +48,7 @@ class RecordedCamera:
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
         self._path = path
         with BagReader(path) as bag:
-            finder = TopicFinder(bag, arguments.topics, arguments.mounting)
+            finder = TopicFinder.of(bag, arguments)
             self._topics = finder.odometry | finder.find(("image_raw", "camera_info")).topics
             told = next(iter(bag.messages([self._topics["camera_info"]]))).message
             info = conversions.as_rectified(

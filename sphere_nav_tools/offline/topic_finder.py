@@ -6,6 +6,7 @@ its reason.
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import logging
 import os.path
@@ -34,6 +35,7 @@ from sphere_nav.ros.bags.streams import (
     read_streams,
 )
 from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
 from sphere_nav.ros.conversions import is_rectified_topic, stamp_ns
 from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
@@ -70,6 +72,17 @@ class TopicFinder:
 
     def __init__(self, bag: BagReader, chosen: Mapping[str, str] | None = None, mounting: str = "") -> None:
         self.bag, self.chosen, self.mounting = bag, dict(chosen or {}), mounting
+        self.named = frozenset(self.chosen)  # by the user, whom no driver knows better
+
+    @classmethod
+    def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
+        """Take what the user named, and what the driver that he named calls the rest."""
+        finder = cls(bag, arguments.topics, arguments.mounting)
+        if arguments.driver:
+            finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
+        for line in finder.shared_frames():
+            logging.getLogger("sphere_nav.frames").warning(line)
+        return finder
 
     @cached_property
     def streams(self) -> Sequence[Stream]:
@@ -109,6 +122,21 @@ class TopicFinder:
                     lines += [f"{topic}: {line}"] if line and is_static else []
         return tree, [*dict.fromkeys(lines)]
 
+    def shared_frames(self) -> list[str]:
+        """Return a line for each frame in which several cameras are, by topics that no driver has for one of them.
+
+        Pictures beside a calibration of their own are those of a camera; both of a stereo pair may be in one frame.
+        """
+        roots = tuple(f"/{driver.root}/" for driver in self.drivers())
+        calibrated = {(_folder(s), s.frame_id) for s in self.streams if s.type == CAMERA_INFO and s.frame_id}
+        cameras: dict[str, dict[str, Stream]] = {}
+        for stream in (s for s in self.usable if s.is_picture):
+            if not stream.topic.startswith(roots) and (_folder(stream), stream.frame_id) in calibrated:
+                cameras.setdefault(stream.frame_id, {}).setdefault(_folder(stream), stream)
+        lefts = {frame: [s.topic for s in _without_rights([*found.values()])] for frame, found in cameras.items()}
+        expected = "expected one camera, found {}: each needs a frame_id of its own"
+        return [f"frame {name}: {expected.format(' and '.join(found))}" for name, found in lefts.items() if found[1:]]
+
     @property
     def lens(self) -> str:
         """What tells the lens of a single camera: its camera_info, or the sphere_info of a panorama."""
@@ -129,7 +157,7 @@ class TopicFinder:
     def refuse_unread(self, read: Iterable[str]) -> None:
         """Raise BagError for a topic of ours that the user named, and none of those that are read."""
         names = sorted({topic.removesuffix("/compressed").strip("/") for topic in read})
-        for ours in sorted(self.chosen.keys() - set(names)):
+        for ours in sorted(self.named - set(names)):
             raise BagError(f"{ours}: expected one of {', '.join(names)}, found a topic that nobody reads here")
 
     def find(self, wanted: Sequence[str]) -> Choice:
@@ -175,6 +203,12 @@ class TopicFinder:
                 told.append(str(error))
         lacking += [ALONE] * (len(self.views(has_pairs=True)) == 1)
         raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys(odd or lacking))}")
+
+    def drivers(self) -> list[Driver]:
+        """Return the presets whose topics are all there under their usual names, those with registered depth first."""
+        drivers = [read_driver(name) for name in driver_names()]
+        found = [driver for driver in drivers if driver.root and not driver.missing(self.by_name)]
+        return sorted(found, key=lambda d: (INPUTS.index(d.input), "depth/camera_info" in d.topics, d.name))
 
     def views(self, *, has_pairs: bool = False) -> list[Stream]:
         """Return one topic for each camera that sees the world's own light, the left one of a pair; or both of a pair.
@@ -226,6 +260,17 @@ class TopicFinder:
             text = f"{BASE_FRAME}: not above the camera on /tf_static: the camera is taken as the vehicle"
             logging.getLogger("sphere_nav.mounting").warning("%s; --mounting tells otherwise", text)
         return {"camera_frame": odd, "mounting": mounting}
+
+    def of_driver(self, name: str) -> dict[str, str]:
+        """Return the topics of a driver, below the one namespace where the bag has them; BagError: none, or several."""
+        driver, have = read_driver(name), list(self.by_name)
+        roots, where = driver.roots(have), f"{self.bag.path}: driver {name}"
+        if not roots:
+            raise BagError(f"{where}: expected {', '.join(driver.missing(have))}, found {', '.join(have) or 'none'}")
+        if len(roots) > 1:
+            cameras = ", ".join(f"/{root}" for root in roots)
+            raise BagError(f"{where}: expected one camera, found {cameras}: name topics (--image)")
+        return driver.find(have, roots[0])
 
     def calibration_of(self, image: Stream, ours: str = "camera_info", known: str = "") -> Stream:
         """Return the CameraInfo of an image: the known one, else of its namespace, else of its frame and size.

@@ -12,6 +12,7 @@ from typing import Any
 
 from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.drivers import driver_names
 from sphere_nav.ros.camera.odometry_input import is_truth
 
 PICTURES = (IMAGE, COMPRESSED)
@@ -95,6 +96,7 @@ def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) ->
         group.add_argument(
             option, action=TopicAction, const=ours, dest="topics", default={}, metavar=metavar, help=meaning
         )
+    group.add_argument("--driver", metavar="NAME", help=f"preset of names: {', '.join(driver_names())}; or a file")
     group.add_argument(
         "--mounting",
         metavar="x,y,z,roll,pitch,yaw",

@@ -6,15 +6,18 @@ to the namespace of the node.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_as, read_text, required, short
+from sphere_nav.ros.endpoints import base_topic
 from sphere_nav.ros.shared_files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
 INPUTS = ("rgbd", "stereo", "mono", "panorama")
+OPTIONAL = ("odom", "imu")
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,30 @@ class Driver:
     topics: dict[str, str]  # our name -> the driver's, relative to root
     encodings: dict[str, tuple[str, ...]]  # of images, by our name
 
-    def names(self) -> dict[str, str]:
-        """Return the driver's topic for each of ours."""
-        return {ours: f"{self.root}/{theirs}".lstrip("/") for ours, theirs in self.topics.items()}
+    def names(self, root: str | None = None) -> dict[str, str]:
+        """Return the driver's topic for each of ours, below its usual root or another."""
+        start = self.root if root is None else root
+        return {ours: f"{start}/{theirs}".lstrip("/") for ours, theirs in self.topics.items()}
+
+    def find(self, offered: Iterable[str], root: str | None = None) -> dict[str, str]:
+        """Return the topics that are offered, by ours; compressed ones where only those are."""
+        have = {base_topic(topic): topic for topic in sorted(offered, reverse=True)}  # the shortest of each comes last
+        return {ours: have[f"/{name}"] for ours, name in self.names(root).items() if f"/{name}" in have}
+
+    def missing(self, offered: Iterable[str], root: str | None = None) -> list[str]:
+        """Return the topics that are not offered, odometry and IMU aside."""
+        found = self.find(offered, root)
+        return [f"/{name}" for ours, name in self.names(root).items() if ours not in (*found, *OPTIONAL)]
+
+    def roots(self, offered: Iterable[str]) -> list[str]:
+        """Return the namespaces below which all topics of the driver are offered; its own, where it is one, alone."""
+        have = list(offered)
+        if not self.missing(have):
+            return [self.root]
+        first = f"/{next(iter(self.topics.values()))}"
+        bases = [base for base in map(base_topic, have) if base.endswith(first)]
+        roots = sorted({base.removesuffix(first).lstrip("/") for base in bases})
+        return [root for root in roots if not self.missing(have, root)]
 
 
 def driver_names() -> list[str]:

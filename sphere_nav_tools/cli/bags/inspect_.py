@@ -31,7 +31,7 @@ examples:
   sphere_nav inspect walk_360.mp4
   sphere_nav inspect recording.mcap --json offer.json
   sphere_nav inspect six_cameras --rig rig.yaml
-  sphere_nav inspect recording.db3 --mounting 0.4,0,1.1,0,0,0
+  sphere_nav inspect recording.db3 --driver zed --mounting 0.4,0,1.1,0,0,0
 """
 
 
@@ -50,13 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
         print("\n".join(words))
         return 0
     with BagReader(arguments.bag) as bag:
-        finder = TopicFinder(bag, arguments.topics, arguments.mounting)
+        finder = TopicFinder.of(bag, arguments)
         streams, (first, last) = finder.streams, bag.time_range
         mounting = describe_mountings(finder.frames, streams, arguments.mounting) + finder.frames_told[1]
         offers = [find_offer(job, finder, arguments.rig) for job in ("map", "localize", "mcl")]
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
     print("\n".join(topic_table(streams)))
-    print("\n".join(mounting))
+    drivers = [f"driver: {driver.title}: --driver {driver.name}" for driver in finder.drivers()]
+    print("\n".join([*drivers, *mounting]))
     for offer in offers:
         print(f"\n{offer.job}: {(offer.note or 'ready') if offer.command else offer.missing}")
         if offer.command:

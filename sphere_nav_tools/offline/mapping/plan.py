@@ -25,7 +25,7 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     build(SphereMapperParams, values)  # refused before anything is read
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag) as bag:
-        finder, kind = TopicFinder(bag, arguments.topics, arguments.mounting), arguments.input
+        finder, kind = TopicFinder.of(bag, arguments), arguments.input
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
             kind, choice = finder.find_source(values, has_rig=arguments.rig is not None)

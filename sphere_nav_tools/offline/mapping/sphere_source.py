@@ -39,7 +39,7 @@ def read_sphere(word: str, arguments: argparse.Namespace, params: MapperParams) 
 def _of_bag(path: Path, number: int, arguments: argparse.Namespace) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
     with BagReader(path) as bag:
-        finder, count = TopicFinder(bag, arguments.topics, arguments.mounting), 0
+        finder, count = TopicFinder.of(bag, arguments), 0
         kind, choice = finder.find_source()
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")

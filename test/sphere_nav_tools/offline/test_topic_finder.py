@@ -216,9 +216,9 @@ def test_a_localizer_hears_what_its_parameters_say(chosen, settings, more, topic
     assert found.get("sphere_info", LENSES[1].topic) == LENSES[1].topic
 
 
-def streams_of(driver):
+def streams_of(driver, root=None):
     """Yield what a driver publishes, depth of its own camera in a frame of its own."""
-    for ours, topic in driver.names().items():
+    for ours, topic in driver.names(root).items():
         side = ours.split("/")[0]
         has_own = side in ("left", "right") or (side == "depth" and "depth/camera_info" in driver.topics)
         kind = CAMERA_INFO if ours.endswith("camera_info") else IMAGE if ours.endswith("image_raw") else "other"
@@ -234,6 +234,17 @@ def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
     found = finder.find(wanted).topics
     assert found == {ours: f"/{topic}" for ours, topic in driver.names().items() if ours in found}
     assert set(wanted) <= set(found)
+    assert not driver.root or driver.name in [known.name for known in finder.drivers()]
+
+
+def test_a_driver_that_is_named_is_found_below_one_namespace_alone():
+    front, rear = ([*streams_of(read_driver("realsense"), name)] for name in ("front", "rear"))
+    found = finder_of(front).of_driver("realsense")
+    assert found["depth/image_raw"] == "/front/aligned_depth_to_color/image_raw"
+    with pytest.raises(BagError, match=r"drive: driver realsense: expected one camera, found /front, /rear"):
+        finder_of([*front, *rear]).of_driver("realsense")
+    with pytest.raises(BagError, match=r"drive: driver zed: expected .*, found "):
+        finder_of(front).of_driver("zed")
 
 
 @pytest.mark.parametrize(
@@ -247,3 +258,14 @@ def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
 )
 def test_cameras_are_called_by_what_their_topics_differ_in(topics, names):
     assert names_of_cameras([image(topic) for topic in topics]) == names
+
+
+def test_several_cameras_in_one_frame_are_told_but_not_a_pair_a_driver_or_another_form_of_an_image():
+    front, rear, left, right = (camera(f"/{side}/image_raw") for side in ("front", "rear", "left", "right"))
+    assert finder_of([*front, *rear]).shared_frames() == [
+        "frame color_optical: expected one camera, found /front/image_raw and /rear/image_raw:"
+        " each needs a frame_id of its own"
+    ]
+    forms = [image("/front/image_rect"), compressed("/front/image_raw/compressed"), image("/throttled/image_raw")]
+    for fine in (front, [*front, *forms], [*left, *right], [*COLOR, *ALIGNED, *INFRA], [front[0], rear[0]]):
+        assert finder_of(fine).shared_frames() == []

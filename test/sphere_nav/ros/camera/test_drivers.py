@@ -11,7 +11,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.drivers import INPUTS, driver_names, read_driver, topics_by_driver
+from sphere_nav.ros.camera.drivers import INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
 from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
@@ -47,13 +47,26 @@ def test_the_files_are_those_that_are_installed_and_all_vendors_are_there():
 def test_a_file_names_what_its_job_needs_in_encodings_that_are_read(name):
     driver = read_driver(name)
     assert driver.input in INPUTS
-    assert set(driver.topics) - {DEPTH_INFO, "odom", "imu"} == set(WANTED[driver.input])
+    assert set(driver.topics) - {DEPTH_INFO, *OPTIONAL} == set(WANTED[driver.input])
     assert yaml.safe_load((FILES / f"{name}.yaml").read_text())["source"].startswith("https://")
     images = {ours for ours in driver.topics if ours.endswith("image_raw")}
     assert set(driver.encodings) == images
     for ours, encodings in driver.encodings.items():
         assert set(encodings) <= set(ENCODINGS)
         assert not ours.startswith("depth") or set(encodings) <= set(METRES)
+    topics = [f"/{topic}" for topic in driver.names().values()]
+    assert driver.missing(topics) == []
+    assert driver.roots(topics) == [driver.root]
+
+
+def test_topics_are_found_compressed_below_another_namespace_and_without_what_is_optional():
+    driver = read_driver("realsense")
+    have = [f"/front/{topic}" for ours, topic in driver.topics.items() if ours != "imu"]
+    have[0] += "/compressed"
+    assert driver.roots(have) == ["front"]
+    assert driver.find(have, "front")["image_raw"] == "/front/color/image_raw/compressed"
+    assert driver.missing(have[1:], "front") == ["/front/color/image_raw"]
+    assert driver.roots([*have, *(topic.replace("front", "rear") for topic in have)]) == ["front", "rear"]
 
 
 def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):

@@ -82,18 +82,18 @@ def test_a_frame_that_is_told_at_two_places_and_a_scan_in_mm_are_named(tmp_path,
 
 
 @pytest.mark.slow
-def test_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
+def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
     """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
     names = {
         ours: theirs.replace("/camera/camera", "/front") for ours, theirs in REALSENSE.items() if ours != "/tf_static"
     }
     bag = copy_bag(own["rgbd"], tmp_path / "foreign", names, storage=StoragePlugin.SQLITE3)
     (bag / "metadata.yaml").unlink()
-    words = ("--mounting", "0.4,0,1.1,0,0,0")
+    words = ("--driver", "realsense", "--mounting", "0.4,0,1.1,0,0,0")
     assert call("map", bag, "-o", tmp_path / "m", "--taught", tmp_path / "taught.tum", *words) == 0
     assert (tmp_path / "taught.tum").read_text() == own["rgbd"].with_suffix(".tum").read_text()
     capsys.readouterr()
-    assert call("localize", tmp_path / "m", bag, "-o", tmp_path / "p.tum") == 0
+    assert call("localize", tmp_path / "m", bag, "-o", tmp_path / "p.tum", "--driver", "realsense") == 0
     assert "camera is taken as the vehicle" in capsys.readouterr().err
     assert call("localize", tmp_path / "m", bag, "-o", tmp_path / "q.tum", *words) == 0
     assert "taken as the vehicle" not in capsys.readouterr().err
