@@ -12,7 +12,7 @@ from path_follower.constants import MAX_POINTS
 from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import Given, make_path, taught_speeds, told_headings
-from sphere_nav.geometry.files.untrusted import load_yaml, number, read_as, read_text, short, told_at
+from sphere_nav.geometry.files.untrusted import load_yaml, number, read_as, read_text, required, short, told_at
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 
 COLUMNS = ("x", "y", "yaw", "speed")
@@ -107,7 +107,11 @@ class _Path:
 
 def _read_yaml(file: Path) -> Given:
     """Read a nav_msgs/Path as `ros2 topic echo --once` writes it; a leading slash of a frame is one of ROS 1."""
-    path: _Path = read_as(_Path, load_yaml(file, read_text(file, "trajectory").rstrip().removesuffix("---")), str(file))
+    found = load_yaml(file, read_text(file, "trajectory").rstrip().removesuffix("---"))
+    poses = required(found, str(file), ("poses",))["poses"]
+    if isinstance(poses, list) and poses[-1:] == ["..."]:
+        raise ValueError(f"{file}: poses: expected all of them, found some cut by ros2 topic echo: use --full-length")
+    path: _Path = read_as(_Path, found, str(file))
     frames = [header.frame_id.lstrip("/") for header in (path.header, *(one.header for one in path.poses))]
     frame = next(filter(None, frames), "")
     for i, own in enumerate(frames):

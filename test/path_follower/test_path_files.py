@@ -137,3 +137,6 @@ def test_yaml_holds_a_path_as_it_is_echoed(tmp_path):
     path = read_path(tmp_path / "path.yaml", PathFollowerParams())
     assert [segment.direction for segment in path.segments] == [1, -1]
     assert path.y == pytest.approx(1.0)
+    (tmp_path / "path.yaml").write_text(PATH.replace("---", "- '...'\n---"))
+    with pytest.raises(ValueError, match=r"path\.yaml: poses: .* cut by ros2 topic echo: use --full-length"):
+        read_path(tmp_path / "path.yaml", PathFollowerParams())
