@@ -134,7 +134,7 @@ def _serve(
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
-    shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
+    shell.finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)
     try:

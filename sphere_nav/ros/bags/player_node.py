@@ -155,7 +155,7 @@ class BagPlayer(ManagedNode):
         for output in self.outputs.values():
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
-        self.finish()
+        self.endpoints.finish(0)
 
 
 def main() -> int:

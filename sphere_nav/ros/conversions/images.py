@@ -163,7 +163,7 @@ def depth_to_meters(message: AnyImage) -> Floats:
     if isinstance(message, CompressedImage):
         message = decompress(message)
     pixels = image_to_array(message)
-    if message.encoding in ("16UC1", "mono16"):
+    if message.encoding in SIXTEEN_BITS:
         depth = pixels.astype(np.float32) * np.float32(1e-3)
         depth[np.isin(pixels, (0, 65535))] = np.nan
     elif message.encoding == "32FC1":
@@ -179,8 +179,8 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
 
     32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
     """
-    encoding = message.format.split(";")[0].strip()
-    if encoding not in ("16UC1", "32FC1") or "rvl" in message.format.lower():
+    encoding = _word_of(message)
+    if encoding not in DEPTH_ENCODINGS or "rvl" in message.format.lower():
         raise ValueError(
             f"format of compressed depth: expected '16UC1 or 32FC1; compressedDepth png', found {message.format!r}"
         )
@@ -203,8 +203,10 @@ def decompress(message: CompressedImage) -> Image:
     """Return the Image behind a compressed one: colours, grey levels, or depth."""
     if "compressedDepth" in message.format:
         return compressed_depth_to_image(message)
-    if message.format.split(";")[0].strip() in SIXTEEN_BITS or is_sixteen_bit(message):
-        return _compressed_16_bit(message)
+    word = _word_of(message)
+    if word in SIXTEEN_BITS or is_sixteen_bit(message):
+        encoding = word if word in SIXTEEN_BITS else "mono16"  # depth or not, where the format is silent
+        return _image_of(message, _decode_16_bit(message.data), encoding)
     pixels = image_to_rgb(message)
     return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
@@ -219,14 +221,13 @@ def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
 def is_sixteen_bit(message: CompressedImage) -> bool:
     """Whether it is a PNG of one channel of 16 bits whose format names no encoding."""
     head = bytes(message.data[:26])
-    is_bare = message.format.split(";")[0].strip().lower() in ("", "png")
+    is_bare = _word_of(message).lower() in ("", "png")
     return is_bare and head.startswith(PNG_MAGIC) and head[24:] == b"\x10\x00"  # bits a channel, and which channels
 
 
-def _compressed_16_bit(message: CompressedImage) -> Image:
-    """Return the Image of a 16-bit PNG on a topic `/compressed`; mono16, depth or not, where the format is silent."""
-    named = message.format.split(";")[0].strip()
-    return _image_of(message, _decode_16_bit(message.data), named if named in SIXTEEN_BITS else "mono16")
+def _word_of(message: CompressedImage) -> str:
+    """Return the first word of a format: the encoding, or how it is compressed."""
+    return str(message.format.split(";")[0].strip())
 
 
 def _image_of(message: CompressedImage, pixels: NDArray[Any], encoding: str) -> Image:

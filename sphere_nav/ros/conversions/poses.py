@@ -13,6 +13,7 @@ from geometry_msgs.msg import (
     Point,
     Pose,
     PoseStamped,
+    PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
     Transform,
@@ -103,22 +104,29 @@ def move_covariance(covariance: ArrayLike, T_new_old: SE3) -> Array:
     return adjoint @ np.asarray(covariance, dtype=np.float64) @ adjoint.T
 
 
+def with_covariance(T_frame_body: SE3, covariance: ArrayLike) -> PoseWithCovariance:
+    """Return a PoseWithCovariance; `covariance` (6, 6) is local."""
+    return PoseWithCovariance(pose=se3_to_pose(T_frame_body), covariance=to_ros_covariance(covariance, T_frame_body))
+
+
+def and_covariance(message: PoseWithCovariance, name: str = "pose") -> tuple[SE3, Array]:
+    """Return T_frame_body and its local covariance (6, 6)."""
+    T_frame_body = pose_to_se3(message.pose, name)
+    return T_frame_body, from_ros_covariance(message.covariance, T_frame_body)
+
+
 def se3_to_pose_with_covariance(
     T_frame_body: SE3, covariance: ArrayLike, stamp: int, frame_id: str
 ) -> PoseWithCovarianceStamped:
     """Return a PoseWithCovarianceStamped; `covariance` (6, 6) is local."""
-    message = PoseWithCovarianceStamped(header=header(stamp, frame_id))
-    message.pose.pose = se3_to_pose(T_frame_body)
-    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
-    return message
+    return PoseWithCovarianceStamped(header=header(stamp, frame_id), pose=with_covariance(T_frame_body, covariance))
 
 
 def pose_with_covariance_to_se3(message: PoseWithCovarianceStamped, frame_id: str = "") -> tuple[SE3, Array]:
     """Return T_frame_body and its local covariance (6, 6); `frame_id`: the frame that it must be given in."""
     if frame_id and message.header.frame_id != frame_id:
         raise ValueError(f"pose: header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
-    T_frame_body = pose_to_se3(message.pose.pose)
-    return T_frame_body, from_ros_covariance(message.pose.covariance, T_frame_body)
+    return and_covariance(message.pose)
 
 
 def se3_to_odometry(
@@ -130,9 +138,8 @@ def se3_to_odometry(
     twist_covariance: ArrayLike = (0.0,) * 36,
 ) -> Odometry:
     """Return an Odometry; `frames` are (header, child); the twist (v, omega) is in the child's axes, as is ours."""
-    message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1])
-    message.pose.pose = se3_to_pose(T_frame_body)
-    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
+    told = with_covariance(T_frame_body, covariance)
+    message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1], pose=told)
     numbers = [float(value) for value in np.asarray(twist).ravel()]
     for part, values in ((message.twist.twist.linear, numbers[:3]), (message.twist.twist.angular, numbers[3:])):
         part.x, part.y, part.z = values

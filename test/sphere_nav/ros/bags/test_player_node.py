@@ -101,7 +101,7 @@ def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, ros):
 
 def test_a_full_disk_ends_the_recording_with_one_line(recorder, tmp_path, monkeypatch):
     shell, ended = recorder(tmp_path / "out"), []
-    shell.on_finish = ended.append
+    shell.finish = ended.append
 
     def fail():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
