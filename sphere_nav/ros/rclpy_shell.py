@@ -18,7 +18,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sphere_nav.ros import parameters, qos
+from sphere_nav.params import build, leaves
+from sphere_nav.ros import qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
@@ -57,13 +58,13 @@ class RclpyShell(Endpoints, Node):
     """Opens and closes what a node asks for, and tells once a second how it is; base of the shells of processes."""
 
     is_live = True
-    health_name = ""  # in front of the entries in /diagnostics; empty: the node's own name
     callbacks_name = "callbacks"  # of the entry that counts what failed
 
     def __init__(self, name: str, failures: CallbackFailures | None = None, **options: Any) -> None:
         """`failures`: of a process with more than this node; `options` as of rclpy's Node."""
         super().__init__(name, **options)
         self.begin(ThrottledLog(self.get_logger()))
+        self.health_name = self.get_fully_qualified_name().lstrip("/")  # in front of the entries in /diagnostics
         self.failures = failures or CallbackFailures(self.log)
         self.is_active = False
         self._entities = ExitStack()  # destroyed when the node is cleaned up
@@ -77,7 +78,7 @@ class RclpyShell(Endpoints, Node):
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object with the present values."""
-        return parameters.read(self, cls)
+        return build(cls, {leaf.name: self.get_parameter(leaf.name).value for leaf in leaves(cls)})
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards."""
@@ -251,7 +252,7 @@ class RclpyShell(Endpoints, Node):
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        name = f"{self.health_name or self.get_fully_qualified_name().lstrip('/')}: {name}"
+        name = f"{self.health_name}: {name}"
         return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 
