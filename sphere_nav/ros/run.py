@@ -138,13 +138,9 @@ def _serve(
     executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)
     try:
-        if not shell.start():
-            return 2
-        try:
-            return executor.spin_until(stopped)
-        finally:
-            shell.failures.guard(shell.stop, "stop")
+        return executor.spin_until(stopped) if shell.start() else 2
     finally:
+        shell.failures.guard(shell.stop, "stop")
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
 

@@ -124,14 +124,14 @@ def _inverse(matrix: Array) -> Array:
 
 def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str) -> MarkerArray:
     """Return key spheres as balls, odometry edges as grey lines, loops as orange ones."""
-    where, marks = (SE3.identity(), stamp, frame_id), []
-    balls = make_marker("key_spheres", 0, Marker.SPHERE_LIST, COLORS["key_spheres"], *where)
-    balls.scale.x = balls.scale.y = balls.scale.z = MARKER_SIZE
+    head, marks = header(stamp, frame_id), []
+    size = MARKER_SIZE, MARKER_SIZE, MARKER_SIZE
+    balls = make_marker(head, "key_spheres", Marker.SPHERE_LIST, COLORS["key_spheres"], size, SE3.identity())
     points = {node.id: se3_to_pose(node.T_map_sphere).position for node in graph}
     balls.points = list(points.values())
     for name, is_loop in (("edges", False), ("loops", True)):
-        line = make_marker(name, 0, Marker.LINE_LIST, COLORS[name], *where)
-        line.scale.x = 0.15 * MARKER_SIZE
+        width = 0.15 * MARKER_SIZE, 0.0, 0.0
+        line = make_marker(head, name, Marker.LINE_LIST, COLORS[name], width, SE3.identity())
         edges = [edge for edge in graph.edges if edge.is_loop == is_loop]
         line.points = [points[end] for edge in edges for end in (edge.a, edge.b)]
         marks.append(line)

@@ -21,31 +21,14 @@ from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
 from sphere_nav.ros.conversions.stamps import header
 
 AnyImage: TypeAlias = Image | CompressedImage
-ENCODINGS: dict[str, tuple[type, int]] = {
-    "mono8": (np.uint8, 1),
-    "8UC1": (np.uint8, 1),
-    "rgb8": (np.uint8, 3),
-    "bgr8": (np.uint8, 3),
-    "8UC3": (np.uint8, 3),
-    "8UC4": (np.uint8, 4),
-    "rgba8": (np.uint8, 4),
-    "bgra8": (np.uint8, 4),
-    "yuv422": (np.uint8, 2),
-    "uyvy": (np.uint8, 2),
-    "yuv422_yuy2": (np.uint8, 2),
-    "yuyv": (np.uint8, 2),
-    "bayer_rggb8": (np.uint8, 1),
-    "bayer_bggr8": (np.uint8, 1),
-    "bayer_gbrg8": (np.uint8, 1),
-    "bayer_grbg8": (np.uint8, 1),
-    "bayer_rggb16": (np.uint16, 1),
-    "bayer_bggr16": (np.uint16, 1),
-    "bayer_gbrg16": (np.uint16, 1),
-    "bayer_grbg16": (np.uint16, 1),
-    "nv12": (np.uint8, 1),
-    "nv21": (np.uint8, 1),
-    "mono16": (np.uint16, 1),
-    "16UC1": (np.uint16, 1),
+ENCODINGS: dict[str, tuple[type, int]] = {  # type of what a pixel has, and how many
+    **dict.fromkeys(("mono8", "8UC1", "nv12", "nv21"), (np.uint8, 1)),
+    **dict.fromkeys(("bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"), (np.uint8, 1)),
+    **dict.fromkeys(("rgb8", "bgr8", "8UC3"), (np.uint8, 3)),
+    **dict.fromkeys(("8UC4", "rgba8", "bgra8"), (np.uint8, 4)),
+    **dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), (np.uint8, 2)),
+    **dict.fromkeys(("bayer_rggb16", "bayer_bggr16", "bayer_gbrg16", "bayer_grbg16"), (np.uint16, 1)),
+    **dict.fromkeys(("mono16", "16UC1"), (np.uint16, 1)),
     "32FC1": (np.float32, 1),
 }
 TO_RGB = {

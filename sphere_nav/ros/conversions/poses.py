@@ -26,7 +26,8 @@ from sensor_msgs.msg import Imu
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.untrusted import MAX_NUMBER
+from sphere_nav.geometry.files.untrusted import MAX_NUMBER, told_at
+from sphere_nav.ros.conversions.frames import check_frames
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
@@ -124,8 +125,9 @@ def se3_to_pose_with_covariance(
 
 def pose_with_covariance_to_se3(message: PoseWithCovarianceStamped, frame_id: str = "") -> tuple[SE3, Array]:
     """Return T_frame_body and its local covariance (6, 6); `frame_id`: the frame that it must be given in."""
-    if frame_id and message.header.frame_id != frame_id:
-        raise ValueError(f"pose: header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
+    if frame_id:
+        with told_at("pose"):
+            check_frames(message, frame_id)
     return and_covariance(message.pose)
 
 
