@@ -60,7 +60,8 @@ def pose_to_se3(pose: Pose, name: str = "pose") -> SE3:
 
 def se3_to_pose(T_frame_body: SE3) -> Pose:
     """Return a Pose; ValueError rather than a NaN."""
-    return Pose(position=Point(**_xyz(T_frame_body)), orientation=_quaternion(T_frame_body))
+    position = Point(**_named("xyz", T_frame_body.translation, "pose"))
+    return Pose(position=position, orientation=Quaternion(**_named("xyzw", T_frame_body.quaternion, "pose")))
 
 
 def se3_to_pose_stamped(T_frame_body: SE3, stamp: int, frame_id: str) -> PoseStamped:
@@ -76,8 +77,8 @@ def transform_to_se3(transform: Transform, name: str = "transform") -> SE3:
 def se3_to_transform(T_parent_child: SE3, stamp: int, parent: str, child: str) -> TransformStamped:
     """Return a TransformStamped, stamp in ns."""
     message = TransformStamped(header=header(stamp, parent), child_frame_id=child)
-    message.transform.translation = Vector3(**_xyz(T_parent_child))
-    message.transform.rotation = _quaternion(T_parent_child)
+    message.transform.translation = Vector3(**_named("xyz", T_parent_child.translation, "transform"))
+    message.transform.rotation = Quaternion(**_named("xyzw", T_parent_child.quaternion, "transform"))
     return message
 
 
@@ -142,12 +143,10 @@ def se3_to_odometry(
     """Return an Odometry; `frames` are (header, child); the twist (v, omega) is in the child's axes, as is ours."""
     told = with_covariance(T_frame_body, covariance)
     message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1], pose=told)
-    numbers = [float(value) for value in np.asarray(twist).ravel()]
-    for part, values in ((message.twist.twist.linear, numbers[:3]), (message.twist.twist.angular, numbers[3:])):
-        part.x, part.y, part.z = values
+    velocity = np.asarray(twist).ravel()
+    message.twist.twist.linear = Vector3(**_named("xyz", velocity[:3], "twist"))
+    message.twist.twist.angular = Vector3(**_named("xyz", velocity[3:], "twist"))
     message.twist.covariance = [float(value) for value in np.asarray(twist_covariance).ravel()]
-    if not np.all(np.isfinite(numbers)):
-        raise ValueError(f"twist: expected finite numbers, found {numbers}")
     return message
 
 
@@ -189,11 +188,7 @@ def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE
     return SE3.from_quaternion(quaternion_to_array(orientation, name), t)
 
 
-def _xyz(pose: SE3) -> dict[str, float]:
-    if not np.all(np.isfinite(pose.matrix)):
-        raise ValueError(f"pose: expected finite numbers, found {pose.matrix.tolist()}")
-    return dict(zip("xyz", map(float, pose.translation), strict=True))
-
-
-def _quaternion(pose: SE3) -> Quaternion:
-    return Quaternion(**dict(zip("xyzw", map(float, pose.quaternion), strict=True)))
+def _named(names: str, values: Array, what: str) -> dict[str, float]:
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{what}: expected finite numbers, found {values.tolist()}")
+    return dict(zip(names, map(float, values), strict=True))
