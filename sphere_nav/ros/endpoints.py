@@ -202,8 +202,7 @@ class Endpoints(ABC):
             topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
         )
         base = base_topic(topic)
-        if base in self.driver_topics:
-            wanted.source = self.driver_topics[base] + topic[len(base) :]
+        wanted.source = self.driver_topics.get(base, base) + topic[len(base) :]
         self.inputs.append(wanted)
         self.listen(wanted)
         return wanted
@@ -218,7 +217,8 @@ class Endpoints(ABC):
         live = self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0)
         live.is_always = True
         latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
-        latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
+        latched.is_always, latched.source = True, topic
+        latched.entity_id = "latched"  # else rclpy gives it the QoS of the first
         self.listen(latched)
         return live, latched
 

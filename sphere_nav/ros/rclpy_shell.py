@@ -147,7 +147,7 @@ class RclpyShell(Endpoints, Node):
     def _source_of(self, wanted: Subscription) -> str:
         """Return the topic to subscribe to: a driver's, unless the user has remapped ours."""
         is_remapped = self.resolve_topic_name(wanted.topic) != self.resolve_topic_name(wanted.topic, only_expand=True)
-        return wanted.topic if is_remapped or not wanted.source else wanted.source
+        return wanted.topic if is_remapped else wanted.source
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""

@@ -136,7 +136,7 @@ class OfflineShell(Endpoints):
         return handler(kind.Request() if request is None else request, kind.Response())
 
     def _source_of(self, wanted: Subscription) -> str:
-        is_remapped = wanted.topic.lstrip("/") in self._remap or not wanted.source
+        is_remapped = wanted.topic.lstrip("/") in self._remap
         return self._name(wanted.topic if is_remapped else wanted.source)
 
     def _name(self, topic: str) -> str:
