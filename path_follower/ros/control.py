@@ -27,7 +27,7 @@ from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, Scan
 from path_follower.ros.peers import Peers
 from sphere_nav.localization.status import Verdict
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks, Times
+from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
@@ -46,11 +46,10 @@ class ControlLoop:
     def __init__(self, endpoints: Endpoints, params: PathFollowerParams, transforms: Transforms) -> None:
         """Open the topics; `transforms` tells where the scanner is mounted."""
         self.endpoints, self.params, p = endpoints, params, params
-        self.times = Times(endpoints.now_ns, endpoints.own_ns)
         self.clock_watch, self.cycle = ClockWatch(MAX_CLOCK_PAUSE), Cycle()
         self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
         is_patient = self.ticks is not None and p.source != "homing" and p.safety.is_status_required
-        self.answered = Answered(self.times, self.answer, self.catch_up, is_patient=is_patient)
+        self.answered = Answered(endpoints, self.answer, self.catch_up, is_patient=is_patient)
         self.heard_ns = 0
         kind = TwistStamped if p.enable_stamped_cmd_vel else Twist
         profile = qos.COMMAND if self.ticks is None else qos.DEEP  # a simulator waits for each answer: none is lost
@@ -69,7 +68,7 @@ class ControlLoop:
             self.follower = Follower(p)
             self.intake = PoseIntake(endpoints, p, self.follower, self.answered)
         self.follower.mode.permission = endpoints.own_ns() // 1_000_000  # of a loop begun anew no older one holds
-        self.scans = ScanIntake(endpoints, p, self.follower, self.times, transforms)
+        self.scans = ScanIntake(endpoints, p, self.follower, transforms)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
         endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
@@ -118,7 +117,7 @@ class ControlLoop:
             if verdict is not FINE:
                 return describe(verdict)
             self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
-        return start(self.times.now())
+        return start(self.endpoints.own_ns())
 
     def tune(self, params: PathFollowerParams) -> None:
         """Drive on with another cruise speed and other limits."""
@@ -143,8 +142,8 @@ class ControlLoop:
     # --- time
     def answer(self, stamp: int) -> None:
         """Publish the command that answers a message of this stamp."""
-        self.heard_ns = self.times.now()
-        lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
+        self.heard_ns = self.endpoints.own_ns()
+        lead = min(max(stamp - self.endpoints.now_ns(), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
         if self.ticks is not None:
             self.ticks.restart(self.heard_ns + lead)
         self.follower.watch.outside = self.peers.judge()
@@ -156,7 +155,7 @@ class ControlLoop:
         self.heartbeat.publish(UInt64(data=self.beats))
         self.cycle.observe(self.endpoints.steady_ns())
         self.follower.watch.outside = self.peers.judge()
-        clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.times.now()
+        clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.endpoints.own_ns()
         watch.observe(clock, self.endpoints.steady_ns(), lambda: bool(self.endpoints.publishers_of("/clock")))
         if watch.is_over and not self.follower.mode.is_at_rest:
             self.follower.stand(Verdict(StopReason.CLOCK_STOPPED, watch.abandoned, MAX_CLOCK_PAUSE))

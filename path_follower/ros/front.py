@@ -73,7 +73,6 @@ class FrontNode(ManagedNode):
             self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params, self.transforms)
             return
         shell = cast("Any", self.endpoints)
-        shell.health_name = name = shell.get_fully_qualified_name().lstrip("/")
         overrides = {key: value.value for key, value in shell._parameter_overrides.items() if key.startswith("qos_")}
         self.loop = self.remote
         self.remote.ask(
@@ -81,7 +80,7 @@ class FrontNode(ManagedNode):
             {
                 "name": f"{shell.get_name()}_loop",
                 "namespace": shell.get_namespace(),
-                "health_name": name,
+                "health_name": shell.health_name,
                 "topics": {topic: shell.resolve_topic_name(topic) for topic in self.LOOP_CLASS.TOPICS},
                 "overrides": overrides | {"use_sim_time": shell.get_parameter("use_sim_time").value},
                 "params": self.params,

@@ -24,7 +24,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import TRUSTED, State, Status
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.clocks import Times
+from sphere_nav.ros.clocks import time_of
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
@@ -37,12 +37,12 @@ Answer = Callable[[int], None]  # publish the command that answers a message of 
 class Answered:
     """The newest stamp that was answered: a status without a pose is answered itself, where none is to come."""
 
-    def __init__(self, times: Times, answer: Answer, catch_up: Answer, *, is_patient: bool = False) -> None:
+    def __init__(self, endpoints: Endpoints, answer: Answer, catch_up: Answer, *, is_patient: bool = False) -> None:
         """`catch_up(now_ns)`: do what is due before a message of that time.
 
         `is_patient`: of pose and status of one image the second one is answered, so that both are always known.
         """
-        self.times, self._answer, self._catch_up, self._is_patient = times, answer, catch_up, is_patient
+        self.endpoints, self._answer, self._catch_up, self._is_patient = endpoints, answer, catch_up, is_patient
         self.forget()
 
     def forget(self) -> None:
@@ -74,7 +74,7 @@ class Answered:
 
     def _bounded(self, stamp_ns: int) -> int:
         """Return a stamp, or the present for one that /clock cannot just be late for: what follows it is no news."""
-        lead_ns = self.times.lead(stamp_ns)
+        lead_ns = stamp_ns - self.endpoints.now_ns()
         return stamp_ns - lead_ns if lead_ns > MAX_AHEAD_NS else stamp_ns
 
 
@@ -120,7 +120,7 @@ class PoseIntake:
             expected, found = self._params.base_frame, message.child_frame_id
             raise ValueError(f"odom: child_frame_id: expected {expected!r}, found {found!r}")
         T_odom_base, twist = conversions.odometry_to_se3(message)
-        time = self._answered.times.of(conversions.stamp_ns(message))
+        time = time_of(conversions.stamp_ns(message), self._answered.endpoints)
         self._follower.consistency.see_odometry(Pose2.of(T_odom_base), float(twist[0]), float(twist[5]), time)
 
     def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
@@ -130,7 +130,7 @@ class PoseIntake:
             stamp, is_bad = conversions.stamp_ns(message), True
             T_map_base, covariance = convert()
             is_bad = False
-            time = self._answered.times.of(stamp)
+            time = time_of(stamp, self._answered.endpoints)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
             if stamp >= 0:
@@ -144,10 +144,10 @@ class PoseIntake:
 
     def on_status(self, message: LocalizationStatus) -> None:
         """Hand on the state of the localiser; bad news counts at once, good news by its stamp, and with its pose."""
-        stamp, times = stamp_of_news(message), self._answered.times
+        stamp, endpoints = stamp_of_news(message), self._answered.endpoints
         status = conversions.message_to_status(message)
         is_good = status.state in TRUSTED
-        time = times.of(stamp) if is_good else times.now()
+        time = time_of(stamp, endpoints) if is_good else endpoints.own_ns()
         self._answered.accept(stamp)
         is_worse = not is_good or (status.state == State.DEGRADED and self._watch.state == State.TRACKING)
         if is_worse:
@@ -192,17 +192,17 @@ class DirectionIntake:
         stamp = conversions.stamp_ns(message)
         driving.check_frames(message, self._frame)
         yaw = float(conversions.pose_to_se3(message.pose).yaw)
-        time = self._answered.times.of(stamp)
+        time = time_of(stamp, self._answered.endpoints)
         self._answered.accept(stamp)
         self._follower.see(yaw, time)
         self._answered.answer(stamp)
 
     def on_source(self, message: FollowerStatus) -> None:
         """Hand on whether the directions may be followed."""
-        stamp, times = stamp_of_news(message), self._answered.times
+        stamp, endpoints = stamp_of_news(message), self._answered.endpoints
         state, way = driving.message_to_progress(message)
         is_trusted, is_there = state == FollowerState.DRIVING, state == FollowerState.FINISHED
-        time = times.of(stamp) if is_trusted or is_there else times.now()
+        time = time_of(stamp, endpoints) if is_trusted or is_there else endpoints.own_ns()
         self._answered.accept(stamp)
         self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
         self._answered.answer_status(stamp, is_good=is_trusted)
@@ -216,10 +216,9 @@ class ScanIntake:
         endpoints: Endpoints,
         params: PathFollowerParams,
         follower: Follower,
-        times: Times,
         transforms: Transforms,
     ) -> None:
-        self._follower, self._times, self._params = follower, times, params
+        self._follower, self._endpoints, self._params = follower, endpoints, params
         self._tf, self.frame = transforms, ""  # of the scanner
         self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
@@ -229,7 +228,7 @@ class ScanIntake:
         """Hand on the points of a scan; ValueError for one that cannot be used, whose silence stops the vehicle."""
         self.frame = message.header.frame_id
         try:
-            time = self._times.of(conversions.stamp_ns(message))
+            time = time_of(conversions.stamp_ns(message), self._endpoints)
             points = driving.scan_to_points(message)
             T_base_scan = self._tf.lookup(self._params.base_frame, self.frame)
             self._check_sight(message, T_base_scan)

@@ -164,16 +164,14 @@ class LoopShell(RclpyShell):
         rules = [word for topic, name in setup["topics"].items() for word in ("-r", f"{topic}:={name}")]
         super().__init__(
             setup["name"],
+            failures,
             namespace=setup["namespace"],
             cli_args=["--ros-args", *rules],
             use_global_arguments=False,
             start_parameter_services=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
         )
-        self.begin(ThrottledLog(self.get_logger()))
-        self.failures = failures
         self.health_name, self.transforms = setup["health_name"], GivenTransforms()
-        self.open_shell()
         self.loop = front_class.LOOP_CLASS(self, setup["params"], self.transforms)
 
     def ask(self, name: str, *values: Any) -> Any:

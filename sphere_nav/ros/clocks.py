@@ -17,6 +17,7 @@ from sphere_nav.ros.constants import (
     MAX_LOOK_S,
     MAX_PATIENCE_S,
 )
+from sphere_nav.ros.endpoints import Endpoints
 
 
 def ahead_s(stamp_ns: int, now_ns: int) -> float:
@@ -102,25 +103,10 @@ class SimulatedTicks:
             yield due_ns
 
 
-class Times:
-    """Stamps on the follower's own clock."""
-
-    def __init__(self, clock: Callable[[], int], own: Callable[[], int]) -> None:
-        """`clock` is that of the stamps, `own` one that no stamp moves, both in ns."""
-        self._clock, self._own = clock, own
-
-    def now(self) -> int:
-        """Return the present."""
-        return self._own()
-
-    def lead(self, stamp_ns: int) -> int:
-        """Return by how many ns a stamp is ahead of its clock; negative: the age of what it stamps."""
-        return stamp_ns - self._clock()
-
-    def of(self, stamp_ns: int) -> int:
-        """Return the time from which a message counts, never later than now; ValueError for a stamp too far ahead."""
-        lead = self.lead(stamp_ns)
-        if lead > MAX_AHEAD_NS:
-            limit, found = MAX_AHEAD_NS / 1e9, lead / 1e9
-            raise ValueError(f"header.stamp: expected at most {limit:g} s ahead of the clock, found {found:.3f} s")
-        return self._own() + min(lead, 0)
+def time_of(stamp_ns: int, endpoints: Endpoints) -> int:
+    """Return the own time from which a message counts, never later than now; ValueError for a stamp too far ahead."""
+    lead = stamp_ns - endpoints.now_ns()
+    if lead > MAX_AHEAD_NS:
+        limit, found = MAX_AHEAD_NS / 1e9, lead / 1e9
+        raise ValueError(f"header.stamp: expected at most {limit:g} s ahead of the clock, found {found:.3f} s")
+    return endpoints.own_ns() + min(lead, 0)

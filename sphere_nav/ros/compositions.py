@@ -163,13 +163,10 @@ def _node(
     return NodeStart(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"], enclave)
 
 
-def _camera_topics(values: Values) -> dict[str, str]:
-    image, info = values["image"], values["info"]
-    return {"image_raw": image, "image_raw/compressed": f"{image}/compressed", "camera_info": info}
-
-
 def _localizer(values: Values) -> NodeStart:
-    topics = {**_camera_topics(values), "odom": values["odom"]}
+    image = values["image"]
+    topics = {"image_raw": image, "image_raw/compressed": f"{image}/compressed"}
+    topics |= {"camera_info": values["info"], "odom": values["odom"]}
     parameters = {name: values[name] for name in ("map", "transport", "driver")}
     rig = {"rig.cameras": values["cameras"], "rig.calibration": values["rig"]}
     parameters |= {name: value for name, value in rig.items() if value}
@@ -180,10 +177,6 @@ def _follower(values: Values, cmd_vel: str) -> NodeStart:
     parameters: dict[str, Any] = {"enable_stamped_cmd_vel": values["stamped_cmd_vel"]}
     parameters |= {"trajectory": values["trajectory"]} if values["trajectory"] else {}
     return _node(values, "path_follower", parameters, {"cmd_vel": cmd_vel, "scan": values["scan"]})
-
-
-def _localisation(values: Values) -> list[NodeStart]:
-    return [_localizer(values)]
 
 
 def _navigation(values: Values) -> list[NodeStart]:
@@ -306,7 +299,9 @@ COMPOSITIONS = {
         },
         _mapping,
     ),
-    "localisation": Composition("the localiser in a map: pose, status and map -> odom", LOCALISATION, _localisation),
+    "localisation": Composition(
+        "the localiser in a map: pose, status and map -> odom", LOCALISATION, lambda values: [_localizer(values)]
+    ),
     "navigation": Composition(
         "localiser and path follower; nothing moves before the call path_follower/start", NAVIGATION, _navigation
     ),

@@ -14,7 +14,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
@@ -100,11 +99,13 @@ class Endpoints(ABC):
     """Opens them, and remembers inputs and diagnostic entries for whoever tells about the node's health."""
 
     log: ThrottledLog
+    finish: Callable[[int], None]  # ends the process with a status, after this callback; a replay ends with its bag
     is_live: ClassVar[bool]  # messages come when they come; of a bag they wait until the node is done
 
     def begin(self, log: ThrottledLog) -> None:
         """Begin with nothing open."""
         self.log = log
+        self.finish = lambda status: None
         self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
         self.inputs: list[Subscription] = []
         self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
@@ -119,10 +120,6 @@ class Endpoints(ABC):
     @abstractmethod
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object."""
-
-    @abstractmethod
-    def finish(self, status: int) -> None:
-        """End the process in order; a replay ends with its bag."""
 
     @abstractmethod
     def now_ns(self) -> int:
@@ -153,8 +150,8 @@ class Endpoints(ABC):
         """Start to deliver messages."""
 
     @abstractmethod
-    def unlisten(self, wanted: Subscription) -> None:
-        """Stop to deliver messages."""
+    def remove_subscription(self, wanted: Subscription) -> None:
+        """Unsubscribe."""
 
     @abstractmethod
     def take_waiting(self, wanted: Subscription) -> None:
@@ -169,8 +166,8 @@ class Endpoints(ABC):
         """Publish on a topic."""
 
     @abstractmethod
-    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
-        """Offer a service whose handler never raises."""
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
 
     @abstractmethod
     def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
@@ -205,8 +202,7 @@ class Endpoints(ABC):
             topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
         )
         base = base_topic(topic)
-        if base in self.driver_topics:
-            wanted.source = self.driver_topics[base] + topic[len(base) :]
+        wanted.source = self.driver_topics.get(base, base) + topic[len(base) :]
         self.inputs.append(wanted)
         self.listen(wanted)
         return wanted
@@ -221,18 +217,10 @@ class Endpoints(ABC):
         live = self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0)
         live.is_always = True
         latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
-        latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
+        latched.is_always, latched.source = True, topic
+        latched.entity_id = "latched"  # else rclpy gives it the QoS of the first
         self.listen(latched)
         return live, latched
-
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
-        """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
-        self.serve(name, kind, answer_always(handler, name, self.log))
-
-    def remove_subscription(self, wanted: Subscription) -> None:
-        """Unsubscribe."""
-        self.inputs.remove(wanted)
-        self.unlisten(wanted)
 
     def speakers_of(self, topic: str) -> list[str]:
         """Return who publishes a topic that this node hears; those of one name are one where only one of them speaks.

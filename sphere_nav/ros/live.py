@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -15,10 +14,9 @@ from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
 from sphere_nav.ros.constants import EXPLAIN_PERIOD
-from sphere_nav.ros.endpoints import OK, WARN, ThrottledLog
-from sphere_nav.ros.executor import CallbackFailures
+from sphere_nav.ros.endpoints import OK, WARN
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.rclpy_shell import RclpyShell
+from sphere_nav.ros.rclpy_shell import Entry, RclpyShell
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.site_file import check_rules
 
@@ -38,8 +36,6 @@ class LiveShell(RclpyShell, LifecycleNode):
     def __init__(self, node_class: type[ManagedNode], words: Sequence[str] = (), **options: Any) -> None:
         """`words`: of the command line; ValueError for a parameter or a name in it that cannot be."""
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
-        self.begin(ThrottledLog(self.get_logger()))
-        self.failures = CallbackFailures(self.log)
         self.is_configured = False
         parameters.answer_wrong_types(self, self.failures)
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
@@ -49,7 +45,6 @@ class LiveShell(RclpyShell, LifecycleNode):
         called = node_class.NAME, self.get_name(), self.get_namespace()
         for line in [*parameters.unknown_overrides(self), *check_rules(words, *called, self.driver_topics)]:
             self.log.warning(line)
-        self.open_shell()
 
     def start(self) -> bool:
         """Configure and activate if `autostart` says so; whether the node is where it should be."""
@@ -147,11 +142,10 @@ class LiveShell(RclpyShell, LifecycleNode):
     def _lack(self) -> str:
         return self.node.lack()
 
-    def _life(self) -> Iterable[DiagnosticStatus]:
+    def _life(self) -> Iterable[Entry]:
         label = self._state_machine.current_state[1]
-        uses_sim_time = self.get_parameter("use_sim_time").value
-        if uses_sim_time and self.now_ns() == 0:
-            text = "waiting for /clock (use_sim_time is true): no time yet"
+        level, text = OK if self.is_active else WARN, label
+        if self.is_time_simulated and self.now_ns() == 0:
+            level, text = WARN, "waiting for /clock (use_sim_time is true): no time yet"
             self.log.warning(text, every=EXPLAIN_PERIOD)
-            return [self._status("lifecycle", WARN, text, {"state": label})]
-        return [self._status("lifecycle", OK if self.is_active else WARN, label, {"state": label})]
+        return [("lifecycle", (level, text, {"state": label}))]

@@ -89,7 +89,3 @@ class ManagedNode:
     def unfinished(self) -> str:
         """Return in one line what would be left half done if the process ended now, and what to do about it."""
         return ""
-
-    def finish(self, status: int = 0) -> None:
-        """Ask for the end of the process: the work is done (0), or cannot be done (1)."""
-        self.endpoints.finish(status)

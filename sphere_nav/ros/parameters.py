@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -12,11 +12,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sphere_nav.params import Leaf, build, leaves, meant
+from sphere_nav.params import Leaf, leaves, meant
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import one_line
 
-C = TypeVar("C")
 KINDS: dict[type[Any], tuple[str, type[Any], float]] = {  # ranges in a descriptor, and the largest number
     float: ("floating_point_range", FloatingPointRange, math.inf),
     int: ("integer_range", IntegerRange, 2**63 - 1),
@@ -24,7 +23,7 @@ KINDS: dict[type[Any], tuple[str, type[Any], float]] = {  # ranges in a descript
 CLOCK_CHOICE = "use_sim_time"
 
 
-def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "", *others: str) -> None:
+def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str], *others: str) -> None:
     """Declare every value of `cls`; an override out of range raises ValueError naming parameter, expected and found.
 
     `why_fixed` is asked when somebody later sets a parameter that is not live, or one of `others`, which are of rclpy:
@@ -77,11 +76,6 @@ def answer_wrong_types(node: Node, failures: CallbackFailures) -> None:
     setters = {SetParameters: one_by_one, SetParametersAtomically: at_once}
     for service in node.services:
         service.callback = setters.get(service.srv_type, service.callback)
-
-
-def read(node: Node, cls: type[C]) -> C:
-    """Return the parameters object with the present values of the declared parameters."""
-    return build(cls, {leaf.name: node.get_parameter(leaf.name).value for leaf in leaves(cls)})
 
 
 def unknown_overrides(node: Node) -> list[str]:

@@ -52,7 +52,7 @@ def mismatch(offered: QoSProfile, asked: QoSProfile) -> str:
     return ""
 
 
-def adapted(offers: list[QoSProfile], depth: int = 100) -> QoSProfile:
+def adapted(offers: list[QoSProfile], depth: int) -> QoSProfile:
     """Return a subscription profile that every one of the publishers can serve, as strict as they allow."""
     is_reliable = bool(offers) and all(offer.reliability != BEST_EFFORT for offer in offers)
     is_latched = bool(offers) and all(offer.durability == TRANSIENT_LOCAL for offer in offers)
@@ -83,7 +83,7 @@ def to_entries(profiles: list[QoSProfile]) -> list[dict[str, Any]]:
 
 def profiles_to_yaml(profiles: list[QoSProfile]) -> str:
     """Return profiles as the text of a channel's `offered_qos_profiles`."""
-    return yaml.safe_dump(to_entries(profiles), sort_keys=False).strip() if profiles else ""
+    return yaml.safe_dump(to_entries(profiles), sort_keys=False).strip()
 
 
 def from_yaml(text: str) -> list[QoSProfile]:

@@ -18,16 +18,19 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sphere_nav.ros import parameters, qos
+from sphere_nav.params import build, leaves
+from sphere_nav.ros import qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, GoalCalls
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.service import one_line
+from sphere_nav.ros.service import answer_always, one_line
 from sphere_nav.ros.shared_files import software
 from sphere_nav.ros.subscription import Subscription, full_name
+
+Entry = tuple[str, tuple[int, str, dict[str, Any]]]  # of the diagnostics: name; level, line and values
 
 
 class LivePublisher:
@@ -55,14 +58,15 @@ class RclpyShell(Endpoints, Node):
     """Opens and closes what a node asks for, and tells once a second how it is; base of the shells of processes."""
 
     is_live = True
-    failures: CallbackFailures
-    health_name = ""  # in front of the entries in /diagnostics; empty: the node's own name
     callbacks_name = "callbacks"  # of the entry that counts what failed
 
-    def open_shell(self) -> None:
-        """Begin: after rclpy's constructor, when parameters are declared."""
+    def __init__(self, name: str, failures: CallbackFailures | None = None, **options: Any) -> None:
+        """`failures`: of a process with more than this node; `options` as of rclpy's Node."""
+        super().__init__(name, **options)
+        self.begin(ThrottledLog(self.get_logger()))
+        self.health_name = self.get_fully_qualified_name().lstrip("/")  # in front of the entries in /diagnostics
+        self.failures = failures or CallbackFailures(self.log)
         self.is_active = False
-        self.on_finish: Callable[[int], None] = lambda status: None
         self._entities = ExitStack()  # destroyed when the node is cleaned up
         self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
         self._own_publishers: list[Publisher] = []
@@ -74,11 +78,7 @@ class RclpyShell(Endpoints, Node):
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object with the present values."""
-        return parameters.read(self, cls)
-
-    def finish(self, status: int) -> None:
-        """End the process after this callback."""
-        self.on_finish(status)
+        return build(cls, {leaf.name: self.get_parameter(leaf.name).value for leaf in leaves(cls)})
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards."""
@@ -147,7 +147,7 @@ class RclpyShell(Endpoints, Node):
     def _source_of(self, wanted: Subscription) -> str:
         """Return the topic to subscribe to: a driver's, unless the user has remapped ours."""
         is_remapped = self.resolve_topic_name(wanted.topic) != self.resolve_topic_name(wanted.topic, only_expand=True)
-        return wanted.topic if is_remapped or not wanted.source else wanted.source
+        return wanted.topic if is_remapped else wanted.source
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""
@@ -163,9 +163,9 @@ class RclpyShell(Endpoints, Node):
         self._entities.callback(self.destroy_publisher, publisher)
         return LivePublisher(self, publisher)
 
-    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
-        service = self.create_service(kind, name, handler)
+        service = self.create_service(kind, name, answer_always(handler, name, self.log))
         self._entities.callback(self.destroy_service, service)
 
     def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
@@ -193,8 +193,9 @@ class RclpyShell(Endpoints, Node):
         server = serve_action(self, kind, name, calls, report)
         self._entities.callback(server.destroy)
 
-    def unlisten(self, wanted: Subscription) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
+        self.inputs.remove(wanted)
         self.destroy_subscription(wanted.handle)
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
@@ -218,10 +219,10 @@ class RclpyShell(Endpoints, Node):
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
         inputs = self.inputs if self.is_active else ()
-        entries = [(self.callbacks_name, self.failures.examine())]
+        entries = [*self._life(), (self.callbacks_name, self.failures.examine())]
         entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
         entries += self.reports.items()
-        array = DiagnosticArray(status=[*self._life(), *(self._status(name, *entry) for name, entry in entries)])
+        array = DiagnosticArray(status=[self._status(name, *entry) for name, entry in entries])
         array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)
 
@@ -246,12 +247,12 @@ class RclpyShell(Endpoints, Node):
     def _lack(self) -> str:
         return ""
 
-    def _life(self) -> Iterable[DiagnosticStatus]:
+    def _life(self) -> Iterable[Entry]:
         return ()
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        name = f"{self.health_name or self.get_fully_qualified_name().lstrip('/')}: {name}"
+        name = f"{self.health_name}: {name}"
         return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 

@@ -134,17 +134,13 @@ def _serve(
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
-    shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
+    shell.finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)
     try:
-        if not shell.start():
-            return 2
-        try:
-            return executor.spin_until(stopped)
-        finally:
-            shell.failures.guard(shell.stop, "stop")
+        return executor.spin_until(stopped) if shell.start() else 2
     finally:
+        shell.failures.guard(shell.stop, "stop")
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
 

@@ -35,7 +35,7 @@ class Subscription:
     raw: bool = False
     entity_id: str = ""  # in qos_overrides.*, where a node has two subscriptions of a topic
     is_always: bool = False  # heard while the node is inactive, too
-    source: str = ""  # the topic of a camera's driver, listened to unless `topic` is remapped
+    source: str = ""  # listened to unless `topic` is remapped: that of a camera's driver, else the same
     log: Any = None
     num_received: int = 0
     num_refused: int = 0

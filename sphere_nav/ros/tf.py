@@ -107,10 +107,6 @@ class TransformTree:
         moving = (child for child in self._chain(frame)[:-1] if self._edges[child].fixed is None)
         return next(((self._edges[child].parent, child) for child in moving), None)
 
-    def is_moving(self, frame: str) -> bool:
-        """Whether a frame moves in its root: not all that lies between is static."""
-        return self.moving_edge(frame) is not None
-
     def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
         """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
         history = self._edges[child].history

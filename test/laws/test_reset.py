@@ -89,14 +89,14 @@ def camera_stream() -> CameraStream:
 # How one is made, how it is reset, and what it keeps by intent: what it was made with, what no drive changes.
 RESETS: dict[str, tuple[Any, Any, str]] = {
     "Agreement": (Agreement, "clear", "max_gap_ns"),
-    "Answered": (lambda: Answered(None, print, print), "forget", "times answer catch_up is_patient"),
+    "Answered": (lambda: Answered(None, print, print), "forget", "endpoints answer catch_up is_patient"),
     "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
                      "endpoints params tf odometry on_picture on_refusal name lens place waiting images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
-                    "endpoints params times clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
+                    "endpoints params clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
     "Drives": (lambda: Drives(0.5, 1.0), "reset", ""),

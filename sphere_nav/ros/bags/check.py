@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -20,42 +19,27 @@ Progress = Callable[[int], None]
 SALVAGING = ".salvaging"  # not `.partial`: that is often the source
 
 
-@dataclass
-class BagReport:
-    """What `verify_bag` found; a bag without problems is good."""
-
-    path: Path
-    num_messages: int = 0
-    time_range: tuple[int, int] = (0, 0)
-    topics: dict[str, TopicInfo] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-
-
-def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagReport:
-    """Read every message of a bag and deserialize those whose type is installed; BagError if it cannot be opened."""
-    report = BagReport(Path(path))
-    with BagReader(path, is_empty_allowed=True) as bag:
-        report.topics, report.time_range = bag.topics, bag.time_range
-        kinds = {name: _class_of(info) for name, info in bag.topics.items()}
-        counts = dict.fromkeys(bag.topics, 0)
-        try:
-            for topic, _, data in bag.raw():
-                counts[topic] += 1
-                kind = kinds[topic]
-                if kind is not None:
-                    bag.decode(topic, data, kind)
-                progress(1)
-        except BagError as error:
-            report.problems.append(str(error))
-        report.num_messages = sum(counts.values())
-        for name, info in bag.topics.items():
-            if counts[name] != info.count and not report.problems:
-                report.problems.append(
-                    f"{path}: {name}: expected {info.count} messages (summary), found {counts[name]}"
-                )
-        if report.num_messages == 0:
-            report.problems.append(f"{path}: expected messages, found an empty bag")
-    return report
+def verify_bag(bag: BagReader, progress: Progress = lambda step: None) -> tuple[int, list[str]]:
+    """Read every message, deserialize those whose type is installed; return their number, and problems, one a line."""
+    problems: list[str] = []
+    kinds = {name: _class_of(info) for name, info in bag.topics.items()}
+    counts = dict.fromkeys(bag.topics, 0)
+    try:
+        for topic, _, data in bag.raw():
+            counts[topic] += 1
+            kind = kinds[topic]
+            if kind is not None:
+                bag.decode(topic, data, kind)
+            progress(1)
+    except BagError as error:
+        problems.append(str(error))
+    for name, info in bag.topics.items():
+        if counts[name] != info.count and not problems:
+            problems.append(f"{bag.path}: {name}: expected {info.count} messages (summary), found {counts[name]}")
+    num_messages = sum(counts.values())
+    if num_messages == 0:
+        problems.append(f"{bag.path}: expected messages, found an empty bag")
+    return num_messages, problems
 
 
 def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:

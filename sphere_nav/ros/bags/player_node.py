@@ -137,9 +137,8 @@ class BagPlayer(ManagedNode):
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        is_waiting = text != "playing"
-        self.report("player", WARN if is_waiting else OK, text, done=self.playback.done, total=self.playback.total)
-        if is_waiting:
+        self.report("player", WARN if absent else OK, text, done=self.playback.done, total=self.playback.total)
+        if absent:
             self.log.info(text, every=10.0)
             self.begin_at = time.monotonic() + SETTLE
             return True
@@ -155,7 +154,7 @@ class BagPlayer(ManagedNode):
         for output in self.outputs.values():
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
-        self.finish()
+        self.endpoints.finish(0)
 
 
 def main() -> int:

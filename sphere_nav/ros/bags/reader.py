@@ -90,7 +90,8 @@ class BagReader:
 
     def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
         """Deserialize one message; BagError if the bytes are not of that type."""
-        return deserialize(data, kind, f"{self.path}: {topic}")
+        with told_at(f"{self.path}: {topic}", BagError):
+            return from_bytes(data, kind)
 
     def close(self) -> None:
         """Close the files."""
@@ -111,12 +112,6 @@ class BagReader:
         if info.hash and installed and info.hash != installed:
             raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
         return kind
-
-
-def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
-    """Deserialize one message; BagError if the bytes are not of that type."""
-    with told_at(where, BagError):
-        return from_bytes(data, kind)
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,7 @@ class BagRecorder(ManagedNode):
             step()
         except OSError as error:  # the disk is full, or gone
             self.log.error(f"{self.bag.partial}: cannot be written: {error.strerror}", every=60.0)
-            self.finish(1)
+            self.endpoints.finish(1)
 
 
 def belongs(topic: str, kind: str, chosen: str) -> bool:

@@ -33,7 +33,7 @@ from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.endpoints import Answer, Endpoints, GoalCalls, ThrottledLog
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.service import one_line
+from sphere_nav.ros.service import answer_always, one_line
 from sphere_nav.ros.subscription import Subscription
 
 Node = TypeVar("Node", bound=ManagedNode)
@@ -96,9 +96,9 @@ class OfflineShell(Endpoints):
         self._bus.profiles[self._name(topic)] = profile
         return OfflinePublisher(self._bus, self._name(topic))
 
-    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
-        self.services[name.removeprefix("~/")] = (kind, handler)
+        self.services[name.removeprefix("~/")] = (kind, answer_always(handler, name, self.log))
 
     def add_client(self, name: str, kind: type[Any]) -> Callable[[Any, Answer], None]:
         """Return what asks a service of another node of the bus, `node/service`, and answers at once."""
@@ -121,12 +121,10 @@ class OfflineShell(Endpoints):
     def take_waiting(self, wanted: Subscription) -> None:
         """Do nothing: on the bus nothing waits."""
 
-    def unlisten(self, wanted: Subscription) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to listen."""
+        self.inputs.remove(wanted)
         self._bus.listeners[wanted.resolved].remove(wanted)
-
-    def finish(self, status: int) -> None:
-        """Do nothing: a replay ends with its bag."""
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Fire on the recording's clock, which is the only one here."""
@@ -138,7 +136,7 @@ class OfflineShell(Endpoints):
         return handler(kind.Request() if request is None else request, kind.Response())
 
     def _source_of(self, wanted: Subscription) -> str:
-        is_remapped = wanted.topic.lstrip("/") in self._remap or not wanted.source
+        is_remapped = wanted.topic.lstrip("/") in self._remap
         return self._name(wanted.topic if is_remapped else wanted.source)
 
     def _name(self, topic: str) -> str:

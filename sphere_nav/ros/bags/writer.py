@@ -178,7 +178,8 @@ class BagWriter:
         if os.path.lexists(self.path):
             raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
         if os.path.lexists(self.partial) and not but_partial:
-            raise BagError(describe_partial(self.partial, self.salvage_command))
+            what = "a run that is still writing, or the remains of one"
+            raise BagError(f"{self.partial}: {what}: '{self.salvage_command}' rescues them, or delete it")
 
     def _description(self) -> dict[str, Any]:
         first, last = self._span or (0, 0)
@@ -215,11 +216,6 @@ def free_path(path: str | Path) -> Path:
     first = Path(path)
     paths = (first if number == 1 else first.with_name(f"{first.name}_{number}") for number in count(1))
     return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
-
-
-def describe_partial(partial: Path, command: str) -> str:
-    """Return what a partial folder is, and the command that makes a bag of it."""
-    return f"{partial}: a run that is still writing, or the remains of one: '{command}' rescues them, or delete it"
 
 
 def _topic_description(entry: TopicInfo) -> dict[str, Any]:

@@ -57,7 +57,7 @@ class OdometryInput:
     @property
     def is_on_tf(self) -> bool:
         """Whether somebody publishes on /tf how the base moves."""
-        return self._tree.is_moving(self._base_frame)
+        return self._tree.moving_edge(self._base_frame) is not None
 
     @property
     def T_root_base(self) -> tuple[SE3, str]:

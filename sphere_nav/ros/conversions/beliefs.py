@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import Particle, ParticleCloud
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
@@ -29,20 +29,19 @@ def hypotheses_to_markers(
 
     A hypothesis has `pose` (3,) x, y, yaw, `covariance` (3, 3) in the map's axes and `weight`; heights in m.
     """
-    markers = [Marker(header=header(stamp, frame_id), action=Marker.DELETEALL)]
+    head = header(stamp, frame_id)
+    markers = [Marker(header=head, action=Marker.DELETEALL)]
     for number, (item, height) in enumerate(zip(hypotheses, heights, strict=True)):
         color = COLORS[number > 0]
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
         place = *item.pose[:2], height
         tilted, heads = (SE3.from_angles(0.0, 0.0, float(yaw), place) for yaw in (turn, item.pose[2]))
-        ellipse = make_marker("places", number, Marker.CYLINDER, color, tilted, stamp, frame_id)
         long, short = (4.0 * max(math.sqrt(max(v, 0.0)), 0.01) for v in (values[1], values[0]))
-        ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
-        arrow = make_marker("headings", number, Marker.ARROW, color, heads, stamp, frame_id)
-        arrow.scale.x, arrow.scale.y, arrow.scale.z = 1.0, THICKNESS, THICKNESS
-        text = make_marker("weights", number, Marker.TEXT_VIEW_FACING, color, heads, stamp, frame_id)
-        text.text, text.scale.z = f"{float(item.weight):.0%}", 0.4
+        ellipse = make_marker(head, "places", Marker.CYLINDER, color, (long, short, THICKNESS), tilted, number)
+        arrow = make_marker(head, "headings", Marker.ARROW, color, (1.0, THICKNESS, THICKNESS), heads, number)
+        text = make_marker(head, "weights", Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, 0.4), heads, number)
+        text.text = f"{float(item.weight):.0%}"
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
 
@@ -68,11 +67,18 @@ def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, fr
 
 
 def make_marker(
-    name: str, number: int, kind: int, color: ColorRGBA, T_frame_marker: SE3, stamp: int, frame_id: str
+    head: Header,
+    name: str,
+    kind: int,
+    color: ColorRGBA,
+    scale: tuple[float, float, float],
+    T_frame_marker: SE3,
+    number: int = 0,
 ) -> Marker:
-    """Return a marker that is added, without a size."""
-    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=color)
+    """Return a marker that is added; scale in m, what each number means depends on its kind."""
+    marker = Marker(header=head, ns=name, id=number, type=kind, action=Marker.ADD, color=color)
     marker.pose = se3_to_pose(T_frame_marker)
+    marker.scale.x, marker.scale.y, marker.scale.z = scale
     return marker
 
 

@@ -82,9 +82,7 @@ def has_baseline(right: CameraInfo) -> bool:
 
 
 def stereo_baseline(right: CameraInfo) -> float:
-    """Return the distance in m of the right camera of a rectified pair from the left one (P[3] = -fx B)."""
-    if right.p[0] == 0.0 or not right.p[3] < 0.0:
-        raise ValueError(f"{right.header.frame_id}: P[3]: expected -fx * baseline < 0, found {right.p[3]}")
+    """Return the distance in m of a right camera that `has_baseline` from the left one (P[3] = -fx B)."""
     baseline_m = -float(right.p[3]) / float(right.p[0])
     check_length("baseline", baseline_m, f"{right.header.frame_id}: P[3]: baseline")
     return baseline_m

@@ -12,6 +12,7 @@ from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTraject
 
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.plausible import check_lengths
+from sphere_nav.ros.conversions.frames import check_frames as check_frames
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.ros.conversions.status import FACTS, told, with_codes
 
@@ -21,14 +22,6 @@ except ImportError:  # not among the wheels, but on most vehicles
     AckermannDriveStamped = None
 
 MAX_BEAMS = 1 << 20
-
-
-def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
-    """Raise ValueError unless a message is in a frame, and of a child frame where one is named."""
-    if message.header.frame_id != frame_id:
-        raise ValueError(f"header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
-    if child_frame_id and message.child_frame_id != child_frame_id:
-        raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
 
 
 def motion_to_command(speed: float, yaw_rate: float, stamp: int, frame_id: str, *, is_stamped: bool) -> Any:

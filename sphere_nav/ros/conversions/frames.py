@@ -24,6 +24,14 @@ def plain_frames(message: Any) -> Any:
     return message
 
 
+def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
+    """Raise ValueError unless a message is in a frame, and of a child frame where one is named."""
+    if message.header.frame_id != frame_id:
+        raise ValueError(f"header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
+    if child_frame_id and message.child_frame_id != child_frame_id:
+        raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
+
+
 @cache
 def _fields(kind: type[Any]) -> tuple[str, ...]:
     """Return the fields of a type that are names of frames, or have some in them."""

@@ -16,9 +16,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.untrusted import short
+from sphere_nav.geometry.files.untrusted import short, told_at
 from sphere_nav.ros.conversions.beliefs import make_marker
-from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
+from sphere_nav.ros.conversions.poses import and_covariance, pose_to_se3, se3_to_pose, with_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
 from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres.experiences import split_by_experience
@@ -104,20 +104,14 @@ def _from_vertex(vertex: KeySphereVertex) -> KeySphere:
 
 
 def _edge(edge: Edge) -> KeySphereEdge:
-    message = KeySphereEdge(from_id=edge.a, to_id=edge.b)
-    message.kind = KeySphereEdge.LOOP if edge.is_loop else KeySphereEdge.ODOMETRY
-    message.pose.pose = se3_to_pose(edge.T_a_b)
-    message.pose.covariance = to_ros_covariance(_inverse(edge.information), edge.T_a_b)
-    return message
+    kind = KeySphereEdge.LOOP if edge.is_loop else KeySphereEdge.ODOMETRY
+    pose = with_covariance(edge.T_a_b, _inverse(edge.information))
+    return KeySphereEdge(from_id=edge.a, to_id=edge.b, kind=kind, pose=pose)
 
 
 def _from_edge(message: KeySphereEdge) -> Edge:
-    name = f"edge {message.from_id}-{message.to_id}"
-    T_a_b = pose_to_se3(message.pose.pose, f"{name} pose")
-    try:
-        covariance = from_ros_covariance(message.pose.covariance, T_a_b)
-    except ValueError as error:
-        raise ValueError(f"{name} {error}") from None
+    with told_at(f"edge {message.from_id}-{message.to_id}"):
+        T_a_b, covariance = and_covariance(message.pose)
     is_loop = message.kind == KeySphereEdge.LOOP
     return Edge(int(message.from_id), int(message.to_id), T_a_b, _inverse(covariance), is_loop)
 
@@ -130,14 +124,14 @@ def _inverse(matrix: Array) -> Array:
 
 def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str) -> MarkerArray:
     """Return key spheres as balls, odometry edges as grey lines, loops as orange ones."""
-    where, marks = (SE3.identity(), stamp, frame_id), []
-    balls = make_marker("key_spheres", 0, Marker.SPHERE_LIST, COLORS["key_spheres"], *where)
-    balls.scale.x = balls.scale.y = balls.scale.z = MARKER_SIZE
+    head, marks = header(stamp, frame_id), []
+    size = MARKER_SIZE, MARKER_SIZE, MARKER_SIZE
+    balls = make_marker(head, "key_spheres", Marker.SPHERE_LIST, COLORS["key_spheres"], size, SE3.identity())
     points = {node.id: se3_to_pose(node.T_map_sphere).position for node in graph}
     balls.points = list(points.values())
     for name, is_loop in (("edges", False), ("loops", True)):
-        line = make_marker(name, 0, Marker.LINE_LIST, COLORS[name], *where)
-        line.scale.x = 0.15 * MARKER_SIZE
+        width = 0.15 * MARKER_SIZE, 0.0, 0.0
+        line = make_marker(head, name, Marker.LINE_LIST, COLORS[name], width, SE3.identity())
         edges = [edge for edge in graph.edges if edge.is_loop == is_loop]
         line.points = [points[end] for edge in edges for end in (edge.a, edge.b)]
         marks.append(line)

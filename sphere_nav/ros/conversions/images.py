@@ -21,31 +21,14 @@ from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
 from sphere_nav.ros.conversions.stamps import header
 
 AnyImage: TypeAlias = Image | CompressedImage
-ENCODINGS: dict[str, tuple[type, int]] = {
-    "mono8": (np.uint8, 1),
-    "8UC1": (np.uint8, 1),
-    "rgb8": (np.uint8, 3),
-    "bgr8": (np.uint8, 3),
-    "8UC3": (np.uint8, 3),
-    "8UC4": (np.uint8, 4),
-    "rgba8": (np.uint8, 4),
-    "bgra8": (np.uint8, 4),
-    "yuv422": (np.uint8, 2),
-    "uyvy": (np.uint8, 2),
-    "yuv422_yuy2": (np.uint8, 2),
-    "yuyv": (np.uint8, 2),
-    "bayer_rggb8": (np.uint8, 1),
-    "bayer_bggr8": (np.uint8, 1),
-    "bayer_gbrg8": (np.uint8, 1),
-    "bayer_grbg8": (np.uint8, 1),
-    "bayer_rggb16": (np.uint16, 1),
-    "bayer_bggr16": (np.uint16, 1),
-    "bayer_gbrg16": (np.uint16, 1),
-    "bayer_grbg16": (np.uint16, 1),
-    "nv12": (np.uint8, 1),
-    "nv21": (np.uint8, 1),
-    "mono16": (np.uint16, 1),
-    "16UC1": (np.uint16, 1),
+ENCODINGS: dict[str, tuple[type, int]] = {  # type of what a pixel has, and how many
+    **dict.fromkeys(("mono8", "8UC1", "nv12", "nv21"), (np.uint8, 1)),
+    **dict.fromkeys(("bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"), (np.uint8, 1)),
+    **dict.fromkeys(("rgb8", "bgr8", "8UC3"), (np.uint8, 3)),
+    **dict.fromkeys(("8UC4", "rgba8", "bgra8"), (np.uint8, 4)),
+    **dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), (np.uint8, 2)),
+    **dict.fromkeys(("bayer_rggb16", "bayer_bggr16", "bayer_gbrg16", "bayer_grbg16"), (np.uint16, 1)),
+    **dict.fromkeys(("mono16", "16UC1"), (np.uint16, 1)),
     "32FC1": (np.float32, 1),
 }
 TO_RGB = {
@@ -163,7 +146,7 @@ def depth_to_meters(message: AnyImage) -> Floats:
     if isinstance(message, CompressedImage):
         message = decompress(message)
     pixels = image_to_array(message)
-    if message.encoding in ("16UC1", "mono16"):
+    if message.encoding in SIXTEEN_BITS:
         depth = pixels.astype(np.float32) * np.float32(1e-3)
         depth[np.isin(pixels, (0, 65535))] = np.nan
     elif message.encoding == "32FC1":
@@ -179,8 +162,8 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
 
     32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
     """
-    encoding = message.format.split(";")[0].strip()
-    if encoding not in ("16UC1", "32FC1") or "rvl" in message.format.lower():
+    encoding = _word_of(message)
+    if encoding not in DEPTH_ENCODINGS or "rvl" in message.format.lower():
         raise ValueError(
             f"format of compressed depth: expected '16UC1 or 32FC1; compressedDepth png', found {message.format!r}"
         )
@@ -203,8 +186,10 @@ def decompress(message: CompressedImage) -> Image:
     """Return the Image behind a compressed one: colours, grey levels, or depth."""
     if "compressedDepth" in message.format:
         return compressed_depth_to_image(message)
-    if message.format.split(";")[0].strip() in SIXTEEN_BITS or is_sixteen_bit(message):
-        return _compressed_16_bit(message)
+    word = _word_of(message)
+    if word in SIXTEEN_BITS or is_sixteen_bit(message):
+        encoding = word if word in SIXTEEN_BITS else "mono16"  # depth or not, where the format is silent
+        return _image_of(message, _decode_16_bit(message.data), encoding)
     pixels = image_to_rgb(message)
     return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
@@ -219,14 +204,13 @@ def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
 def is_sixteen_bit(message: CompressedImage) -> bool:
     """Whether it is a PNG of one channel of 16 bits whose format names no encoding."""
     head = bytes(message.data[:26])
-    is_bare = message.format.split(";")[0].strip().lower() in ("", "png")
+    is_bare = _word_of(message).lower() in ("", "png")
     return is_bare and head.startswith(PNG_MAGIC) and head[24:] == b"\x10\x00"  # bits a channel, and which channels
 
 
-def _compressed_16_bit(message: CompressedImage) -> Image:
-    """Return the Image of a 16-bit PNG on a topic `/compressed`; mono16, depth or not, where the format is silent."""
-    named = message.format.split(";")[0].strip()
-    return _image_of(message, _decode_16_bit(message.data), named if named in SIXTEEN_BITS else "mono16")
+def _word_of(message: CompressedImage) -> str:
+    """Return the first word of a format: the encoding, or how it is compressed."""
+    return str(message.format.split(";")[0].strip())
 
 
 def _image_of(message: CompressedImage, pixels: NDArray[Any], encoding: str) -> Image:

@@ -13,6 +13,7 @@ from geometry_msgs.msg import (
     Point,
     Pose,
     PoseStamped,
+    PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
     Transform,
@@ -25,7 +26,8 @@ from sensor_msgs.msg import Imu
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.untrusted import MAX_NUMBER
+from sphere_nav.geometry.files.untrusted import MAX_NUMBER, told_at
+from sphere_nav.ros.conversions.frames import check_frames
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
@@ -58,7 +60,8 @@ def pose_to_se3(pose: Pose, name: str = "pose") -> SE3:
 
 def se3_to_pose(T_frame_body: SE3) -> Pose:
     """Return a Pose; ValueError rather than a NaN."""
-    return Pose(position=Point(**_xyz(T_frame_body)), orientation=_quaternion(T_frame_body))
+    position = Point(**_named("xyz", T_frame_body.translation, "pose"))
+    return Pose(position=position, orientation=Quaternion(**_named("xyzw", T_frame_body.quaternion, "pose")))
 
 
 def se3_to_pose_stamped(T_frame_body: SE3, stamp: int, frame_id: str) -> PoseStamped:
@@ -74,8 +77,8 @@ def transform_to_se3(transform: Transform, name: str = "transform") -> SE3:
 def se3_to_transform(T_parent_child: SE3, stamp: int, parent: str, child: str) -> TransformStamped:
     """Return a TransformStamped, stamp in ns."""
     message = TransformStamped(header=header(stamp, parent), child_frame_id=child)
-    message.transform.translation = Vector3(**_xyz(T_parent_child))
-    message.transform.rotation = _quaternion(T_parent_child)
+    message.transform.translation = Vector3(**_named("xyz", T_parent_child.translation, "transform"))
+    message.transform.rotation = Quaternion(**_named("xyzw", T_parent_child.quaternion, "transform"))
     return message
 
 
@@ -103,22 +106,30 @@ def move_covariance(covariance: ArrayLike, T_new_old: SE3) -> Array:
     return adjoint @ np.asarray(covariance, dtype=np.float64) @ adjoint.T
 
 
+def with_covariance(T_frame_body: SE3, covariance: ArrayLike) -> PoseWithCovariance:
+    """Return a PoseWithCovariance; `covariance` (6, 6) is local."""
+    return PoseWithCovariance(pose=se3_to_pose(T_frame_body), covariance=to_ros_covariance(covariance, T_frame_body))
+
+
+def and_covariance(message: PoseWithCovariance, name: str = "pose") -> tuple[SE3, Array]:
+    """Return T_frame_body and its local covariance (6, 6)."""
+    T_frame_body = pose_to_se3(message.pose, name)
+    return T_frame_body, from_ros_covariance(message.covariance, T_frame_body)
+
+
 def se3_to_pose_with_covariance(
     T_frame_body: SE3, covariance: ArrayLike, stamp: int, frame_id: str
 ) -> PoseWithCovarianceStamped:
     """Return a PoseWithCovarianceStamped; `covariance` (6, 6) is local."""
-    message = PoseWithCovarianceStamped(header=header(stamp, frame_id))
-    message.pose.pose = se3_to_pose(T_frame_body)
-    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
-    return message
+    return PoseWithCovarianceStamped(header=header(stamp, frame_id), pose=with_covariance(T_frame_body, covariance))
 
 
 def pose_with_covariance_to_se3(message: PoseWithCovarianceStamped, frame_id: str = "") -> tuple[SE3, Array]:
     """Return T_frame_body and its local covariance (6, 6); `frame_id`: the frame that it must be given in."""
-    if frame_id and message.header.frame_id != frame_id:
-        raise ValueError(f"pose: header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
-    T_frame_body = pose_to_se3(message.pose.pose)
-    return T_frame_body, from_ros_covariance(message.pose.covariance, T_frame_body)
+    if frame_id:
+        with told_at("pose"):
+            check_frames(message, frame_id)
+    return and_covariance(message.pose)
 
 
 def se3_to_odometry(
@@ -130,15 +141,12 @@ def se3_to_odometry(
     twist_covariance: ArrayLike = (0.0,) * 36,
 ) -> Odometry:
     """Return an Odometry; `frames` are (header, child); the twist (v, omega) is in the child's axes, as is ours."""
-    message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1])
-    message.pose.pose = se3_to_pose(T_frame_body)
-    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
-    numbers = [float(value) for value in np.asarray(twist).ravel()]
-    for part, values in ((message.twist.twist.linear, numbers[:3]), (message.twist.twist.angular, numbers[3:])):
-        part.x, part.y, part.z = values
+    told = with_covariance(T_frame_body, covariance)
+    message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1], pose=told)
+    velocity = np.asarray(twist).ravel()
+    message.twist.twist.linear = Vector3(**_named("xyz", velocity[:3], "twist"))
+    message.twist.twist.angular = Vector3(**_named("xyz", velocity[3:], "twist"))
     message.twist.covariance = [float(value) for value in np.asarray(twist_covariance).ravel()]
-    if not np.all(np.isfinite(numbers)):
-        raise ValueError(f"twist: expected finite numbers, found {numbers}")
     return message
 
 
@@ -180,11 +188,7 @@ def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE
     return SE3.from_quaternion(quaternion_to_array(orientation, name), t)
 
 
-def _xyz(pose: SE3) -> dict[str, float]:
-    if not np.all(np.isfinite(pose.matrix)):
-        raise ValueError(f"pose: expected finite numbers, found {pose.matrix.tolist()}")
-    return dict(zip("xyz", map(float, pose.translation), strict=True))
-
-
-def _quaternion(pose: SE3) -> Quaternion:
-    return Quaternion(**dict(zip("xyzw", map(float, pose.quaternion), strict=True)))
+def _named(names: str, values: Array, what: str) -> dict[str, float]:
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{what}: expected finite numbers, found {values.tolist()}")
+    return dict(zip(names, map(float, values), strict=True))

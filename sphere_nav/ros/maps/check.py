@@ -11,11 +11,10 @@ from sphere_nav_msgs.msg import AugmentedSphere, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_file import whole_messages
-from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.graphs import message_to_experience, message_to_graph
-from sphere_nav.ros.interfaces import type_name
+from sphere_nav.ros.interfaces import from_bytes, type_name
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.maps.writer import (
     EXPERIENCE,
@@ -98,5 +97,5 @@ def _readable(file: Path) -> Iterator[tuple[str, Any]]:
     for schema, channel, record in whole_messages(file):
         kind = KINDS.get(channel.topic)
         if kind is not None and schema.name == type_name(kind):
-            with suppress(BagError):
-                yield channel.topic, deserialize(record.data, kind, str(file))
+            with suppress(ValueError):
+                yield channel.topic, from_bytes(record.data, kind)

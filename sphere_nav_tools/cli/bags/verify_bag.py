@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sphere_nav.ros.bags import salvage, verify_bag
+from sphere_nav.ros.bags import BagReader, salvage, verify_bag
 from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.tables import columns, progress
 
@@ -32,13 +32,13 @@ def run(arguments: argparse.Namespace) -> int:
             count = salvage(arguments.bag, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {count} messages salvaged")
         return 0
-    with progress("verify", "message") as bar:
-        report = verify_bag(arguments.bag, bar.update)
-    seconds = (report.time_range[1] - report.time_range[0]) / 1e9
-    topics = sorted(report.topics.items())
-    verdict = "damaged" if report.problems else "good"
-    head = f"{report.path}: {verdict}, {report.num_messages} messages in {seconds:.1f} s"
+    with BagReader(arguments.bag, is_empty_allowed=True) as bag, progress("verify", "message") as bar:
+        number, problems = verify_bag(bag, bar.update)
+        begin, end = bag.time_range
+    topics = sorted(bag.topics.items())
+    verdict = "damaged" if problems else "good"
+    head = f"{bag.path}: {verdict}, {number} messages in {(end - begin) / 1e9:.1f} s"
     print("\n".join([head, *columns((f"  {name}", info.count, info.type) for name, info in topics)]))
-    for problem in report.problems:
+    for problem in problems:
         print(problem, file=sys.stderr)
-    return 1 if report.problems else 0
+    return 1 if problems else 0

@@ -68,7 +68,7 @@ def test_who_drives_by_a_permission_that_a_stop_has_ended_is_refused(loop):
 
 def test_a_stamp_ahead_of_the_clock_carries_the_loop_on_by_a_tenth_of_a_second_at_most(loop):
     loop.ask("start")
-    now = loop.times.now()
+    now = loop.endpoints.own_ns()
     for ahead, counted in ((0, 0), (30_000_000, 30_000_000), (11 * SECOND, 100_000_000)):
         loop.answer(now + ahead)
         assert loop.follower.limiter.last_ns == now + counted
@@ -87,7 +87,7 @@ def test_a_guard_that_lets_nothing_through_stops_the_vehicle_by_its_reason(bus, 
 def test_a_command_is_repeated_between_poses_that_are_far_apart(bus, loop):
     loop.ask("start")
     list(bus.settle())
-    loop.heard_ns = loop.times.now()
+    loop.heard_ns = loop.endpoints.own_ns()
     loop.on_tick()
     assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
     loop.sent_ns = loop.endpoints.steady_ns() - 2 * REPEAT_NS
@@ -124,7 +124,7 @@ def test_while_the_clock_stands_the_command_goes_to_zero_and_without_a_publisher
         list(bus.advance(SECOND + k * SECOND // 20))
         loop.follower.update(Pose2(0.0, 0.0, 0.0), None, SECOND + k * SECOND // 20, "TRACKING")
     assert loop.follower.limiter.last.speed > 0.3
-    loop.heard_ns = loop.times.now()
+    loop.heard_ns = loop.endpoints.own_ns()
     clock, steady, publishers = loop.endpoints.now_ns(), loop.endpoints.steady_ns(), ["/cycab_sim"]
     monkeypatch.setattr(loop.endpoints, "publishers_of", lambda topic: publishers if topic == "/clock" else [])
 

@@ -2,6 +2,7 @@
 
 import itertools
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import (
     header,
     poses_to_path,
@@ -69,8 +69,9 @@ def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
 def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes():
     for order in itertools.permutations(("clock", "pose", "status")):
         clock, answers = [SECOND], []
-        times = Times(partial(max, clock), partial(max, clock))
-        answered = Answered(times, answers.append, lambda _: None, is_patient=True)
+        answered = Answered(
+            SimpleNamespace(now_ns=partial(max, clock)), answers.append, lambda _: None, is_patient=True
+        )
         for part in order:
             if part == "clock":
                 clock.append(SECOND + STEP)
@@ -83,7 +84,7 @@ def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes():
 
 def test_a_status_of_a_clock_that_is_wrong_does_not_make_the_next_one_old():
     answers = []
-    answered = Answered(Times(lambda: SECOND, lambda: SECOND), answers.append, lambda _: None)
+    answered = Answered(SimpleNamespace(now_ns=lambda: SECOND), answers.append, lambda _: None)
     for stamp in (SECOND + 3 * STEP, SECOND + STEP):
         answered.answer_status(stamp, is_good=False)
     assert answers == [SECOND, SECOND + STEP]
@@ -398,7 +399,7 @@ def test_wheels_of_another_frame_are_refused():
     list(bus.settle())
     time, T_odom_base, twist = node.loop.follower.consistency._odometry[-1]
     assert (*Pose2.of(T_odom_base), twist[0], twist[5]) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
-    assert time == node.loop.times.now()
+    assert time == node.loop.endpoints.own_ns()
     message.child_frame_id = "front_axle"
     bus.deliver("/odom", message)
     told = next(item for item in node.inputs if item.topic == "odom")

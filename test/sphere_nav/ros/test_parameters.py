@@ -7,6 +7,7 @@ from rclpy.parameter import Parameter
 
 from sphere_nav.params import group, param, parameters
 from sphere_nav.ros import parameters as kit
+from sphere_nav.ros.rclpy_shell import RclpyShell
 
 
 @parameters
@@ -38,9 +39,9 @@ def make_node(ros):
 
 
 def test_defaults_and_overrides(make_node):
-    assert kit.read(make_node(), Outer) == Outer()
+    assert RclpyShell.read_parameters(make_node(), Outer) == Outer()
     node = make_node(rate=3.5, inner__size=8, mode="fast", is_on=False)
-    assert kit.read(node, Outer) == Outer(rate=3.5, inner=Inner(size=8), mode="fast", is_on=False)
+    assert RclpyShell.read_parameters(node, Outer) == Outer(rate=3.5, inner=Inner(size=8), mode="fast", is_on=False)
 
 
 def test_a_value_out_of_range_and_an_override_that_no_one_declared_are_named(make_node):
@@ -69,7 +70,7 @@ def test_descriptors_tell_meaning_unit_and_range(make_node):
 def test_setting_gives_the_reason(make_node):
     node = make_node()
     assert node.set_parameters([Parameter("rate", value=5.0)])[0].successful
-    assert kit.read(node, Outer).rate == 5.0
+    assert RclpyShell.read_parameters(node, Outer).rate == 5.0
     assert "one of 'slow', 'fast'" in node.set_parameters([Parameter("mode", value="idle")])[0].reason
     assert "Min: 0.1" in node.set_parameters([Parameter("rate", value=0.0)])[0].reason  # rclpy's own words
     fixed = make_node("not now")

@@ -39,10 +39,10 @@ def test_a_mismatch_is_told():
 
 def test_an_adapted_profile_fits_every_offer_and_is_as_strict_as_it_can_be():
     for offers in [[], [qos.SENSOR], [qos.LATCHED], [qos.LATCHED, qos.STATE], [qos.STATE, qos.SENSOR]]:
-        profile = qos.adapted(offers)
+        profile = qos.adapted(offers, 100)
         assert [qos.mismatch(offer, profile) for offer in offers] == [""] * len(offers)
     assert parts(qos.adapted([qos.LATCHED], depth=9)) == (qos.RELIABLE, qos.TRANSIENT_LOCAL, 9)
-    assert qos.adapted([qos.LATCHED, qos.STATE]).durability == qos.VOLATILE
+    assert qos.adapted([qos.LATCHED, qos.STATE], 100).durability == qos.VOLATILE
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ class Napper(ManagedNode):
             self.is_told = True
             print("ready", os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE"), flush=True)
         if self.params.is_done:
-            self.finish()
+            self.endpoints.finish(0)
         time.sleep(self.params.nap)
 
     def cleanup(self):

@@ -73,12 +73,8 @@ def test_a_right_camera_has_a_baseline_to_the_right_in_metres():
     assert has_baseline(right)
     for wrong in (camera_to_info(IDEAL, 0, "left"), camera_to_info(IDEAL, 0, "right", baseline=-0.5)):
         assert not has_baseline(wrong)
-        with pytest.raises(ValueError, match="expected -fx"):
-            stereo_baseline(wrong)
     right.p[0] = 0.0
     assert not has_baseline(right)
-    with pytest.raises(ValueError, match="expected -fx"):
-        stereo_baseline(right)
     for baseline, expected in [(0.12, None), (120.0, "factor 0.001"), (0.00012, "factor 1000")]:
         right = camera_to_info(IDEAL, 0, "right", baseline=baseline)
         if expected is None:

@@ -40,7 +40,7 @@ def test_what_is_no_graph_is_refused(sphere_graph):
         (lambda m: setattr(m.vertices[1], "id", 10), "expected a new id, found 10 again"),
         (lambda m: setattr(m.edges[1], "to_id", 99), "edge 11-99: expected both ends"),
         (lambda m: setattr(m.vertices[0].pose.position, "x", np.nan), r"vertex 10 pose\.position: expected finite"),
-        (lambda m: setattr(m.edges[0].pose, "covariance", [np.nan] * 36), "edge 10-11 covariance: expected finite"),
+        (lambda m: setattr(m.edges[0].pose, "covariance", [np.nan] * 36), "edge 10-11: covariance: expected finite"),
     ]:
         message = graph_to_message(sphere_graph, "map")
         change(message)
