@@ -39,7 +39,6 @@ MAX_LINEAGE = 5000  # images that are remembered; old ones have one particle lef
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
 MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room

@@ -12,7 +12,6 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
-    AMBIGUOUS_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
     LOST_IMAGES,
@@ -68,15 +67,13 @@ def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max
 
 
 def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> BeliefVerdict:
-    best, *others = hypotheses
-    second = others[0].weight if others else 0.0
+    best = hypotheses[0]
     limit = EVEN_ODDS if proof.is_held else max_chance
     alike = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in proof.alike())
     another, chance = "another place fits the last images better", "probability that the place is chance"
     spread = Reason.NO_CONVERGENCE
     faults = {
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, alike): proof.is_in_map,
-        Verdict(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE): second >= AMBIGUOUS_SHARE * best.weight,
         Verdict(spread, best.weight, MIN_WEIGHT, "belief in one place"): best.weight < MIN_WEIGHT,
         Verdict(spread, best.sigma_m, MAX_SIGMA_M, "spread in m"): best.sigma_m > MAX_SIGMA_M,
         Verdict(spread, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"): best.sigma_rad > MAX_SIGMA_RAD,
