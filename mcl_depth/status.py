@@ -43,13 +43,13 @@ class BeliefVerdict:
     is_lost: bool = False  # nobody knows where the vehicle is
     num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
 
-    def beside(self, seen: Reconciled, doubt: Verdict) -> BeliefVerdict:
-        """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
+    def beside(self, seen: Reconciled) -> BeliefVerdict:
+        """Return the verdict beside what images have against odometry."""
         if not seen.is_known:
             return BeliefVerdict(seen.finding, is_bad=True, is_lost=True)
         if self.is_bad:
             return self if seen.hint is FINE else BeliefVerdict(seen.hint, is_bad=True)
-        return self if doubt is FINE else BeliefVerdict(doubt)
+        return self if seen.finding is FINE else BeliefVerdict(seen.finding)
 
 
 def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> BeliefVerdict:

@@ -70,10 +70,6 @@ class PlaceTest:
             self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
         self._log_odds = max(self._log_odds + (step if self._is_held else NEWS * step), self._least)
 
-    def suspect(self) -> None:
-        """Count the worst that an image can say of the place: the vehicle may have been carried off."""
-        self._log_odds += MAX_LOG_RATIO_STEP
-
     @property
     def p_chance(self) -> float:
         """Probability that the place is not the right one."""
