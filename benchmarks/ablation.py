@@ -95,7 +95,6 @@ MECHANISMS = {
     "image_motion": Mechanism(
         *CONTRADICTIONS, ("mcl_depth.belief.image_motion.ImageMotion.measure",), _nothing
     ),
-    "retrial": Mechanism(*CONTRADICTIONS, ("mcl_depth.belief.watch.PlaceTest.is_refused",), lambda *_: False),
 }  # fmt: skip
 
 

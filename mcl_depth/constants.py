@@ -39,7 +39,6 @@ MAX_LINEAGE = 5000  # images that are remembered; old ones have one particle lef
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
 MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
@@ -72,9 +71,7 @@ NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 PATCH, MIN_PATCH = 11, 20  # cells across what a held place is watched in; fewest of them on the map
 NEAR = 1  # cells, and steps of headings, around the held place that count as that place
 OTHER_HEADINGS = 3  # steps from its heading on which others begin
-MEMORY = 0.9  # of the mean and the variance of a place that is right, with every image
-FIRST_MEAN, FIRST_SIGMA = 4.0, 1.5  # of a right place, before any image was seen there; standard deviations
-MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
+RIGHT_MEAN, RIGHT_SIGMA = 4.0, 1.5  # of how far a right place stands out, in standard deviations
 MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other

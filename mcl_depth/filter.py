@@ -92,9 +92,9 @@ class Filter:
         if self._states.state is State.LOST:
             self.search()
         seen = self.odometry.reconcile(observation, is_held=self._states.is_following)
-        is_sure = not self._states.is_following or (seen.is_verified and self.evidence.doubt is FINE)
+        is_sure = not self._states.is_following or seen.is_verified
         if not seen.is_contradicted and self._reckoning.is_near(seen.observation, is_sure=is_sure):
-            return self._estimate(seen.observation, self.evidence.doubt)  # nearly the same view tells nothing new
+            return self._estimate(seen.observation, FINE)  # nearly the same view tells nothing new
         gray, is_seen, finding = self.map.level(observation.image, observation.camera, observation.rotation)
         if finding is not FINE:
             return self.refuse(observation.stamp_ns, finding)
@@ -114,7 +114,7 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen, self.evidence.doubt)
+        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)

@@ -12,7 +12,6 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
-    AMBIGUOUS_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
     LOST_IMAGES,
@@ -44,13 +43,13 @@ class BeliefVerdict:
     is_lost: bool = False  # nobody knows where the vehicle is
     num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
 
-    def beside(self, seen: Reconciled, doubt: Verdict) -> BeliefVerdict:
-        """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
+    def beside(self, seen: Reconciled) -> BeliefVerdict:
+        """Return the verdict beside what images have against odometry."""
         if not seen.is_known:
             return BeliefVerdict(seen.finding, is_bad=True, is_lost=True)
         if self.is_bad:
             return self if seen.hint is FINE else BeliefVerdict(seen.hint, is_bad=True)
-        return self if doubt is FINE else BeliefVerdict(doubt)
+        return self if seen.finding is FINE else BeliefVerdict(seen.finding)
 
 
 def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> BeliefVerdict:
@@ -68,15 +67,13 @@ def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max
 
 
 def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> BeliefVerdict:
-    best, *others = hypotheses
-    second = others[0].weight if others else 0.0
+    best = hypotheses[0]
     limit = EVEN_ODDS if proof.is_held else max_chance
     alike = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in proof.alike())
     another, chance = "another place fits the last images better", "probability that the place is chance"
     spread = Reason.NO_CONVERGENCE
     faults = {
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, alike): proof.is_in_map,
-        Verdict(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE): second >= AMBIGUOUS_SHARE * best.weight,
         Verdict(spread, best.weight, MIN_WEIGHT, "belief in one place"): best.weight < MIN_WEIGHT,
         Verdict(spread, best.sigma_m, MAX_SIGMA_M, "spread in m"): best.sigma_m > MAX_SIGMA_M,
         Verdict(spread, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"): best.sigma_rad > MAX_SIGMA_RAD,

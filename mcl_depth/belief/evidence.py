@@ -50,7 +50,6 @@ from mcl_depth.constants import (
 )
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.localization.status import FINE
 
 
 @dataclass(frozen=True)
@@ -106,11 +105,9 @@ class Evidence:
     def reset(self, *, is_given: bool = False) -> None:
         """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
         self._drives.reset()
-        self._watch = self._test(is_held=True)
-        self._trial = self._test() if is_given else None
+        self._watch = PlaceTest(self._max_chance, is_held=True)
+        self._trial = PlaceTest(self._max_chance, is_held=False) if is_given else None
         self._num_left = MAX_TRIAL  # images until a trial that is still open ends
-        self._retrial: PlaceTest | None = None  # of a held place that is doubted
-        self.doubt = FINE  # why
         self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
 
     @property
@@ -122,14 +119,15 @@ class Evidence:
         """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself.
 
         While none is held, `place` is the best of the map that is more than chance, or one that was given and is more
-        probably right than wrong.
+        probably right than wrong. Where nobody knows how the camera moved, a place is no more than one that was given.
         """
-        self._weigh(seen)
+        if not seen.is_known:
+            self.reset(is_given=True)
         self.place = None
         if is_held and seen.is_known:
-            return Proof(self.watch(comparison, pose), is_held=True)
-        self._watch = self._test(is_held=True)
-        self._retrial = None
+            self._add_to(self._watch, comparison, pose)
+            return Proof(self._watch.p_chance, is_held=True)
+        self._watch = PlaceTest(self._max_chance, is_held=True)
         if self._trial is not None and self._is_open(self._trial, comparison, pose):
             self.place = pose if self._trial.p_chance < EVEN_ODDS else None
             return Proof(self._trial.p_chance)
@@ -138,16 +136,6 @@ class Evidence:
         proof = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         self.place = proof.poses[0] if proof.is_proven else None
         return proof
-
-    def watch(self, comparison: Comparison, pose: Array) -> float:
-        """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
-        self._add_to([test for test in (self._watch, self._retrial) if test is not None], comparison, pose)
-        if self._retrial is not None and self._retrial.is_confirmed:
-            self._retrial = None
-        return 1.0 if self._retrial is not None and self._retrial.is_refused() else self._watch.p_chance
-
-    def _test(self, *, is_held: bool = False) -> PlaceTest:
-        return PlaceTest(self._max_chance, is_held=is_held)
 
     def _is_open(self, trial: PlaceTest, comparison: Comparison, pose: Array) -> bool:
         """Add an image to a trial of a pose (3,); return whether the place is not refused.
@@ -158,26 +146,11 @@ class Evidence:
         if np.all(self._grid.rows_around(pose, NEAR) < 0):
             trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
         else:
-            self._add_to([trial], comparison, pose)
+            self._add_to(trial, comparison, pose)
         return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused())
 
-    def _weigh(self, seen: Reconciled) -> None:
-        """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
-
-        Where nobody knows how the camera moved, the place is no more than a start that was given.
-        """
-        if not seen.is_known:
-            self.reset(is_given=True)
-        elif seen.is_contradicted:
-            if self.doubt is FINE:
-                self._watch.suspect()
-                self._retrial = self._test()
-            self.doubt = seen.finding
-        elif self._retrial is None:
-            self.doubt = FINE
-
-    def _add_to(self, tests: Sequence[PlaceTest], comparison: Comparison, pose: Array) -> None:
-        """Tell tests how far a pose (3,) stands out in an image, where the map has enough around it."""
+    def _add_to(self, test: PlaceTest, comparison: Comparison, pose: Array) -> None:
+        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
@@ -185,9 +158,7 @@ class Evidence:
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
-            found = excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings)
-            for test in tests:
-                test.add(found)
+            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""

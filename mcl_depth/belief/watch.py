@@ -2,7 +2,7 @@
 
 A vehicle that is carried off, or a place that was chance, shows in the images to come: the held place fits them no
 better than any. Each image gives a figure of merit, `excess`, in standard deviations of what other headings reach:
-about zero at a random place, and around its own mean as long as the place is right. The cumulative sum of the log
+about zero at a random place, and around four as long as the place is right. The cumulative sum of the log
 likelihood ratio of these two (Page 1954) is the quickest test of such a change; while nothing changes, it passes
 log(1 / rate) less than once in 1 / rate images (Lorden 1971).
 
@@ -16,16 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import (
-    FIRST_MEAN,
-    FIRST_SIGMA,
     MAX_EXCESS,
     MAX_LOG_RATIO_STEP,
-    MEMORY,
-    MIN_MEAN,
-    MIN_SIGMA,
     NEAR,
     NEWS,
     OTHER_HEADINGS,
+    RIGHT_MEAN,
+    RIGHT_SIGMA,
 )
 
 Patch = NDArray[np.float32]
@@ -51,28 +48,19 @@ class PlaceTest:
     """The log odds that a place is not the right one, image by image.
 
     A held place was right: the odds fall no lower than at first, so that they rise with the first images that speak
-    against it, and what the images of a right place give is learned. A place on trial is as probably right as wrong.
+    against it. A place on trial is as probably right as wrong.
     """
 
     def __init__(self, max_chance: float, *, is_held: bool) -> None:
         """`max_chance`: a place that was accepted is chance so often; one is refused by as much."""
         self._max_chance, self._is_held = max_chance, is_held
         self._least = float(np.log(max_chance / max(1.0 - max_chance, 1e-12))) if is_held else -np.inf
-        self._mean, self._variance = FIRST_MEAN, FIRST_SIGMA**2
         self._log_odds = self._least if is_held else 0.0
 
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
-        step = log_ratio_of(value, self._mean, self._variance)
-        if step < 0.0 and self._is_held:
-            off = min(value, MAX_EXCESS) - self._mean
-            self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
-            self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
+        step = log_ratio_of(value)
         self._log_odds = max(self._log_odds + (step if self._is_held else NEWS * step), self._least)
-
-    def suspect(self) -> None:
-        """Count the worst that an image can say of the place: the vehicle may have been carried off."""
-        self._log_odds += MAX_LOG_RATIO_STEP
 
     @property
     def p_chance(self) -> float:
@@ -89,7 +77,7 @@ class PlaceTest:
         return bool(self._log_odds > np.log(1.0 / self._max_chance))
 
 
-def log_ratio_of(value: float, mean: float, variance: float) -> float:
-    """Return log N(value; 0, variance) - log N(value; mean, variance), within `MAX_LOG_RATIO_STEP`."""
-    ratio = 0.5 * mean * (mean - 2.0 * min(value, MAX_EXCESS)) / variance
+def log_ratio_of(value: float) -> float:
+    """Return log N(value; 0, s) - log N(value; m, s), m, s those of a right place, within `MAX_LOG_RATIO_STEP`."""
+    ratio = 0.5 * RIGHT_MEAN * (RIGHT_MEAN - 2.0 * min(value, MAX_EXCESS)) / RIGHT_SIGMA**2
     return float(np.clip(ratio, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))

@@ -106,7 +106,6 @@ class DepthCache:
         """`one` panorama shows what is to be kept of each."""
         self.capacity = max(max_bytes // one.nbytes, 1)
         self.stack = one.room(self.capacity)
-        self.num_hits, self.num_misses = 0, 0
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
     def __len__(self) -> int:
@@ -115,19 +114,12 @@ class DepthCache:
     def __contains__(self, cell: Cell) -> bool:
         return cell in self._slots
 
-    @property
-    def hit_rate(self) -> float:
-        """Share of the look-ups that found something."""
-        return self.num_hits / max(self.num_hits + self.num_misses, 1)
-
     def find(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
         keys = keys_of(cells)
         slots = np.array([self._slots.get(key, -1) for key in keys], dtype=np.int64)
-        known = np.flatnonzero(slots >= 0)
-        for index in known:
+        for index in np.flatnonzero(slots >= 0):
             self._slots.move_to_end(keys[index])
-        self.num_hits, self.num_misses = self.num_hits + len(known), self.num_misses + len(keys) - len(known)
         return slots
 
     def insert(self, cells: NDArray[np.int64], features: Stack) -> NDArray[np.int64]:

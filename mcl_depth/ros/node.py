@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
-from mcl_depth.belief.estimate import Belief, Estimate, Observation
+from mcl_depth.belief.estimate import Estimate, Observation
 from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.likeness.kinds import check_likeness
@@ -41,7 +41,6 @@ class MclDepthNode(LocalizerNode):
         check_likeness(p)
         warm_up(p)
         self.filter: Filter | None = None
-        self.belief: Belief | None = None  # of the last image that was compared
         self.clouds = GeometryLoader(endpoints, p, self.drop_filter)
         self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
         self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
@@ -54,7 +53,7 @@ class MclDepthNode(LocalizerNode):
 
     def drop_filter(self) -> None:
         """Use another geometry from the next image on."""
-        self.filter = self.belief = None
+        self.filter = None
 
     @property
     def is_ready(self) -> bool:
@@ -85,7 +84,6 @@ class MclDepthNode(LocalizerNode):
         rotation = tilt @ picture.T_base_camera.rotation
         estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, T_odom_level))
         if estimate.belief is not None:
-            self.belief = estimate.belief
             self.views.show(estimate.belief, self.filter, stamp)
         self.guide.answer(estimate.belief, estimate.status, stamp)
         found = to_base(estimate, T_base_level, tilt)
@@ -123,12 +121,9 @@ class MclDepthNode(LocalizerNode):
             self.filter.reset()
 
     def values(self) -> dict[str, float]:
-        """Return more numbers for the diagnostics, with the hit rates of the caches."""
-        values = super().values()
-        if self.filter is not None:
-            cache = self.filter.map.cache
-            values |= {"depth_cache_hits": cache.hit_rate, "depth_images": len(cache)}
-        return values | ({"similarity_cache_hits": self.belief.comparison.hit_rate} if self.belief else {})
+        """Return more numbers for the diagnostics."""
+        kept = {"depth_images": len(self.filter.map.cache)} if self.filter is not None else {}
+        return super().values() | kept
 
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         """Search everywhere."""

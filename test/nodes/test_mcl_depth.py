@@ -47,10 +47,7 @@ def test_a_base_is_found_in_a_cloud_and_viewers_get_places_curve_particles_and_d
     assert abs(peak) < np.radians(15.0)  # ahead: compass and pose agree to a step and a half
     depth = answer["/synthesized_depth"]
     assert (depth.encoding, depth.width) == ("32FC1", COLUMNS)
-    report = bench.node.reports["localisation"][2]
-    assert 0.0 < report["depth_cache_hits"] <= 1.0
-    assert 0.0 < report["similarity_cache_hits"] <= 1.0
-    assert report["depth_images"] > 10
+    assert bench.node.reports["localisation"][2]["depth_images"] > 10
 
 
 @pytest.mark.slow

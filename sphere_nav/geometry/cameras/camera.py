@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +14,6 @@ from sphere_nav.geometry.arrays import Array, Flags
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26
 NEWTON_STEPS = 12  # that undo a distortion: to rounding, where it can be undone
-TABLE = 2000  # values of a function that is inverted
-FLATTEST, ROUNDING = 1e-3, 1e-14  # of its mean slope, before it folds back; of its reach, a step that is the last
 MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
 DERIVATIVE_STEP = 1e-7  # of the range, by which a point is moved; cameras/test_camera
 
@@ -84,20 +81,6 @@ def inside(pixels: Array, camera: Camera) -> Flags:
     return (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
 
 
-def invert(function: Callable[[Array], Array], high: float, values: Array) -> Array:
-    """Return where in 0...high a function that grows there takes values (...): by a table, then to rounding."""
-    grid = np.linspace(0.0, high, TABLE)
-    table, step = function(grid), DERIVATIVE_STEP * high
-    x = np.interp(values, table, grid)
-    for _ in range(NEWTON_STEPS):
-        found, before = function(x), x
-        slope = np.maximum((found - function(x - step)) / step, FLATTEST * table[-1] / high)
-        x = np.clip(x - (found - values) / slope, 0.0, high)
-        if not np.any(np.abs(x - before) > ROUNDING * high):
-            break
-    return x
-
-
 def check_size(width: int, height: int) -> None:
     """Raise ValueError unless the image has at least one pixel, and no more than memory holds."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
@@ -105,29 +88,33 @@ def check_size(width: int, height: int) -> None:
         raise ValueError(f"camera size: expected {limits}, found {width} x {height}")
 
 
-def check_lens(fx: float, fy: float, cx: float, cy: float) -> None:
-    """Raise ValueError unless both focal lengths are positive and the centre is finite; K = 0 says 'uncalibrated'."""
-    if not (0 < fx <= MAX_LENGTH and 0 < fy <= MAX_LENGTH):
-        raise ValueError(f"focal length: expected positive fx, fy (calibrated camera), found {fx}, {fy}")
-    if not (abs(cx) <= MAX_LENGTH and abs(cy) <= MAX_LENGTH):
-        raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {cx}, {cy}")
-
-
-class Lens(ABC):
-    """What cameras have whose image is a plane: its size and centre in pixels."""
+@dataclass(frozen=True)
+class Focal(ABC):
+    """A camera whose image is a plane: with focal lengths and a centre, in pixels."""
 
     width: int
     height: int
+    fx: float
+    fy: float
     cx: float
     cy: float
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        if not (0 < self.fx <= MAX_LENGTH and 0 < self.fy <= MAX_LENGTH):  # K = 0 says 'uncalibrated'
+            expected = "expected positive fx, fy (calibrated camera)"
+            raise ValueError(f"focal length: {expected}, found {self.fx}, {self.fy}")
+        if not (abs(self.cx) <= MAX_LENGTH and abs(self.cy) <= MAX_LENGTH):
+            raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {self.cx}, {self.cy}")
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy))
 
     @abstractmethod
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3) in the camera frame to pixels (..., 2) and whether each is inside the image."""
-
-    @abstractmethod
-    def scaled(self, factor: float) -> Self:
-        """Return the camera whose image is magnified about its centre, in an image of the same size."""
 
     def J_project(self, points: ArrayLike) -> Array:
         """Return d pixel / d point (..., 2, 3), by differences; each step is towards the axis, where there are rays."""
@@ -139,34 +126,11 @@ class Lens(ABC):
             columns.append((self.project(p + inwards * direction)[0] - pixels) / inwards)
         return np.stack(columns, axis=-1)
 
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        scaled: Any = self.scaled(0.5)
-        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        halved: Self = replace(scaled, width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)
-        return halved
-
-
-@dataclass(frozen=True)
-class Focal(Lens):
-    """A camera with focal lengths, in pixels."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    def __post_init__(self) -> None:
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, self.cx, self.cy)
-
-    @property
-    def pixels_per_radian(self) -> float:
-        """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy))
-
     def scaled(self, factor: float) -> Self:
         """Return the camera whose image is magnified about its centre, in an image of the same size."""
         return replace(self, fx=self.fx * factor, fy=self.fy * factor)
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        return replace(self.scaled(0.5), width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)

@@ -19,7 +19,7 @@ MODELS = {
     "pinhole": kernels.PLANE,
     "double_sphere": kernels.PLANE,
     "omni": kernels.PLANE,
-    "fisheye": kernels.RADIAL,
+    "fisheye": kernels.FISHEYE,
     "spherical": kernels.SPHERICAL,
 }
 EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
@@ -27,7 +27,7 @@ EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
 
 @lru_cache(maxsize=64)
 def kernel_camera(camera: Camera) -> KernelCamera:
-    """Return model number, coefficients (21,) and shutter (8,), a global one, float32, as the kernels take them."""
+    """Return model number, coefficients (17,) and shutter (8,), a global one, float32, as the kernels take them."""
     coefficients = np.zeros(kernels.NUM_COEFFICIENTS, np.float32)
     coefficients[: camera.coefficients.size] = camera.coefficients
     return MODELS[camera.model], coefficients, np.zeros(8, np.float32)

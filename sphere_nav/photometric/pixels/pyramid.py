@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Spherical
-from sphere_nav.geometry.cameras.camera import Lens
+from sphere_nav.geometry.cameras.camera import Focal
 from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
 from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
@@ -117,7 +117,7 @@ def magnify(pyramid: Pyramid, factor: float) -> Pyramid:
     levels = []
     for level in pyramid.levels:
         camera = level.camera
-        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Lens) else level)
+        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Focal) else level)
     return Pyramid(tuple(levels))
 
 

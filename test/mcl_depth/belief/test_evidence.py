@@ -244,31 +244,6 @@ def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     assert np.argmax(np.array(doubts(range(40, 50), away)) > 0.5) in range(2, 5)  # the third to the fifth image
 
 
-def test_a_held_place_is_doubted_after_a_contradiction_until_images_confirm_it_as_they_do_a_start():
-    grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
-    evidence = Evidence(grid, RATE, SIGMA)
-
-    def doubts(place, first, images):
-        for number, image in enumerate(images, first):
-            evidence.prove(Images(grid, number, place, 9.0), pose, image, is_held=True)
-        return evidence.doubt
-
-    assert doubts(pose, 0, [seen()] * 3) is FINE
-    assert doubts(pose, 3, [seen(finding=SLIP), seen()]) is SLIP
-    assert doubts(pose, 5, [seen()] * 6) is FINE
-    assert doubts(None, 11, [seen(finding=SLIP), *[seen()] * 3]) is SLIP
-
-
-def test_a_contradiction_counts_as_the_worst_image_of_a_held_place():
-    grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
-
-    def chance(finding):
-        evidence = Evidence(grid, RATE, SIGMA)
-        return evidence.prove(Images(grid, 0, None), pose, seen(finding=finding), is_held=True).p_chance
-
-    assert chance(SLIP) > 2.0 * chance(FINE)
-
-
 def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
     evidence = Evidence(grid, RATE, SIGMA)

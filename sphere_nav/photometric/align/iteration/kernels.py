@@ -30,11 +30,10 @@ BINS_PER_GRAY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
 NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GRAY)
 
-PLANE, RADIAL, SPHERICAL = 0, 1, 2
-NUM_COEFFICIENTS = 21  # of the longest model
-POLYNOMIAL = 8  # where that of a radial lens begins
+PLANE, FISHEYE, SPHERICAL = 0, 1, 2
+NUM_COEFFICIENTS = 17  # of the longest model
 ZERO, HALF, ONE, TWO, THREE = (np.float32(i) for i in (0.0, 0.5, 1.0, 2.0, 3.0))
-SIX = np.float32(6.0)
+FOUR, SIX = np.float32(4.0), np.float32(6.0)
 MIN_DEPTH = np.float32(1e-6)
 MIN_SINE = np.float32(1e-9)
 MAX_SQUARE = np.float32(1e4)  # squared tangent of the angle that is in no perspective image: 89.4 deg
@@ -112,17 +111,12 @@ def _project_distorted(k, r):
 
 
 @njit(**OPTIONS)
-def _project_radial(k, r):
-    """Lenses that look alike all around their axis: the image radius by the angle from it is a polynomial of t.
+def _project_fisheye(k, r):
+    """Lenses whose image radius is a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) of the angle a from the axis.
 
-    t is the angle, or its square. k: fx, fy, cx, cy, x by y, y by x, largest angle, power of the angle in t, and from
-    `POLYNOMIAL` on the coefficients.
+    k: fx, fy, cx, cy, k1, k2, k3, k4, largest angle.
     """
-    axx, ayy, cx, cy, axy, ayx, max_angle, power = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
-    last = NUM_COEFFICIENTS - 1
-    while k[last] == ZERO:
-        last -= 1
-    constant, highest = k[POLYNOMIAL], (k[last] if last > POLYNOMIAL else ZERO)
+    fx, fy, cx, cy, k1, k2, k3, k4, max_angle = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8]
     for i in range(SIDE):
         known = r[Z + i] == r[Z + i]
         x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
@@ -130,30 +124,17 @@ def _project_radial(k, r):
         angle = arctangent2(sine, z)
         seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))  # straight behind is a whole circle
         r[SEEN + i] = ONE if seen else ZERO
-        r[TA + i], r[TB + i], r[TC + i] = (angle * angle if power == TWO else angle), highest, ZERO
-        r[TD + i], r[J0 + i], r[J1 + i], r[J2 + i] = angle, x, y, z
-    for j in range(last - 1, POLYNOMIAL, -1):
-        coefficient = k[j]
-        for i in range(SIDE):
-            r[TC + i] = r[TC + i] * r[TA + i] + r[TB + i]
-            r[TB + i] = r[TB + i] * r[TA + i] + coefficient
-    for i in range(SIDE):
-        x, y, z = r[J0 + i], r[J1 + i], r[J2 + i]
-        sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
-        square = sine * sine + z * z
-        by_both = ONE / (sine * square)
-        by_sine, by_square = square * by_both, sine * by_both
-        t, angle = r[TA + i], r[TD + i]
-        share = r[TB + i] * t + constant
-        radius, slope = share * angle, share + power * t * (r[TC + i] * t + r[TB + i])
-        xn, yn = x * by_sine, y * by_sine
+        a2 = angle * angle
+        share = ONE + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))
+        slope = share + TWO * a2 * (k1 + a2 * (TWO * k2 + a2 * (THREE * k3 + a2 * FOUR * k4)))
+        by_both = ONE / (sine * (sine * sine + z * z))
+        by_sine, by_square = (sine * sine + z * z) * by_both, sine * by_both
+        radius, xn, yn = share * angle, x * by_sine, y * by_sine
         along, across, by_z = slope * z * by_square, radius * by_sine, -slope * sine * by_square
         mixed = (along - across) * xn * yn
-        qxx, qyy = along * xn * xn + across * yn * yn, along * yn * yn + across * xn * xn
-        ux, uy = axx * xn + axy * yn, ayx * xn + ayy * yn
-        r[U + i], r[V + i] = radius * ux + cx, radius * uy + cy
-        r[J0 + i], r[J1 + i], r[J2 + i] = axx * qxx + axy * mixed, axx * mixed + axy * qyy, by_z * ux
-        r[J3 + i], r[J4 + i], r[J5 + i] = ayx * qxx + ayy * mixed, ayx * mixed + ayy * qyy, by_z * uy
+        r[U + i], r[V + i] = fx * radius * xn + cx, fy * radius * yn + cy
+        r[J0 + i], r[J1 + i], r[J2 + i] = fx * (along * xn * xn + across * yn * yn), fx * mixed, fx * by_z * xn
+        r[J3 + i], r[J4 + i], r[J5 + i] = fy * mixed, fy * (along * yn * yn + across * xn * xn), fy * by_z * yn
 
 
 @njit(**OPTIONS)
@@ -216,8 +197,8 @@ def project(model, k, r):
     """Rows X, Y, Z to pixels U, V and their derivative J by the point; SEEN is 1 where the model has a pixel."""
     if model == SPHERICAL:
         _project_spherical(k, r)
-    elif model == RADIAL:
-        _project_radial(k, r)
+    elif model == FISHEYE:
+        _project_fisheye(k, r)
     else:
         is_shifted = k[13] != ZERO or k[14] != ZERO
         if is_shifted:
