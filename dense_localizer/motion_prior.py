@@ -175,18 +175,20 @@ class PosePrior:
     def predict(self, stamp_ns: int, T_odom_camera: SE3 | None = None, T_before_now: SE3 | None = None) -> Prediction:
         """Return the pose at `stamp_ns`, by odometry where given, else by velocity.
 
-        `T_before_now` is a measured rotation since the last image (M15 eq. 20); it replaces the predicted one.
+        `T_before_now` is a measured rotation since the last image (M15 eq. 20); it replaces the predicted one, and what
+        both differ by is not known.
         """
         held, aligned = self._held, self._aligned
         if held is None or aligned is None:
             raise ValueError("prediction: expected a started prior, found none")
         step_s, blind_s = (stamp_ns - held.stamp_ns) * 1e-9, (stamp_ns - aligned.stamp_ns) * 1e-9
-        T_held_now = self._motion(step_s, T_odom_camera)
+        T_held_now, growth = self._motion(step_s, T_odom_camera), np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         if T_before_now is not None:
-            T_held_now = SE3.from_parts(T_before_now.rotation, T_held_now.translation)
+            T_turned = SE3.from_parts(T_before_now.rotation, T_held_now.translation)
+            xi = (T_turned.inverse() @ T_held_now).log()
+            T_held_now, growth = T_turned, growth + np.outer(xi, xi)
         T_map_camera = held.T_map_camera @ T_held_now
         Ad = (T_map_camera.inverse() @ aligned.T_map_camera).adjoint()
-        growth = np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
         max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
         steps = step_s, max_step_s, blind_s
