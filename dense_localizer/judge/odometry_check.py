@@ -84,16 +84,15 @@ class OdometryCheck:
         """
         if self._trusted is None:
             return
-        if self._dispute is None:
-            self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
-        squared, near = self._distance(self._trusted, sample), gate(6)
         if self._dispute is not None:
             told = self._placed or sample
             squared = self._distance(self._trusted, told)
-            if squared <= near and squared < self._distance(self._dispute[1], told):
+            if squared <= gate(6) and squared < self._distance(self._dispute[1], told):
                 self._dispute = None
             return
-        sigmas, limit = float(np.sqrt(squared)), float(np.sqrt(near)) if defies_odometry else MAX_ODOMETRY_SIGMAS
+        self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
+        sigmas = float(np.sqrt(self._distance(self._trusted, sample)))
+        limit = float(np.sqrt(gate(6))) if defies_odometry else MAX_ODOMETRY_SIGMAS
         if sigmas > limit:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
             self._dispute = Verdict(Reason.ODOM_STALE, sigmas, limit, detail), sample
