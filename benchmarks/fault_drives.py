@@ -7,14 +7,16 @@ spheres 1.5 m apart; the camera gives 10 images a second, which arrive 50 ms lat
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
+from sphere_nav_msgs.msg import LocalizationStatus
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.room import graph_of, motions
@@ -23,6 +25,7 @@ from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.ros.node import PathFollowerNode
+from sphere_nav.estimation.gates import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
@@ -67,12 +70,16 @@ class Course:
 
 @dataclass
 class Gauge:
-    """What a drive has shown: commands (time, speed), stops, the way driven and the largest distance from the path."""
+    """What a drive has shown: commands (time, speed), stops, the way driven and the largest distance from the path.
+
+    placed: when images were taken that the map has placed, as near to the truth as their covariances say.
+    """
 
     commands: list[tuple[int, float]]
     num_stops: int = 0
     way: float = 0.0
     aside: float = 0.0
+    placed: list[int] = field(default_factory=list)
 
 
 class Drive:
@@ -87,6 +94,8 @@ class Drive:
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
         self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), CarParams(), ActuatorParams())
         self.command, self.now, self.num_images = VehicleCommand(), SECOND, 0
+        self._T_map_taken: dict[int, SE3] = {}  # where the base was at the stamps of images
+        self._told: PoseWithCovarianceStamped | None = None
         self.odometry = Odometer(ODOM_NS / SECOND, seed, EXACT)
         self.images: Callable[[Messages], Messages] | None = None
         self.latency_ns = LATENCY_NS
@@ -129,6 +138,10 @@ class Drive:
             for item in said:
                 if item.topic == "/cmd_vel":
                     self._obey(item.message.twist)
+                elif item.topic == "/pose":
+                    self._told = item.message
+                elif item.topic == "/status":
+                    self._judge(item.message)
             self._move()
             self.now += STEP_NS
 
@@ -144,6 +157,7 @@ class Drive:
     def see(self) -> Messages:
         """Return an image of now with its calibration."""
         state = self.vehicle.state
+        self._T_map_taken[self.now] = state.T_world_base
         view = self.course.look(state.x, state.y, state.yaw)
         noise = np.random.default_rng([self.seed, self.num_images]).normal(0.0, NOISE, view.shape)
         image = np.clip(np.rint(view + noise), 0, 255).astype(np.uint8)
@@ -155,6 +169,16 @@ class Drive:
         self.gauge.num_stops += speed == 0.0 and self.command.speed != 0.0
         self.command = VehicleCommand(speed, float(twist.angular.z))
         self.gauge.commands.append((self.now, speed))
+
+    def _judge(self, status: LocalizationStatus) -> None:
+        """Note the image of a status if the map, not the images before it, has placed it where it was."""
+        stamp = conversions.stamp_ns(status)
+        if status.age or self._told is None or conversions.stamp_ns(self._told) != stamp:
+            return
+        T_map_base, covariance = conversions.pose_with_covariance_to_se3(self._told)
+        truth = self._T_map_taken.get(stamp)
+        if truth is not None and squared_distance(T_map_base, truth, covariance) <= gate(6):
+            self.gauge.placed.append(stamp)
 
     def _move(self) -> None:
         self.vehicle.step(self.command, STEP_NS / SECOND)
