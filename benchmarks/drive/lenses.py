@@ -3,20 +3,25 @@
 The cameras see 80 to 30 degrees, on another day among other parked cars and traffic, from 1.8 m above the ground as the
 map was taken, or from 0.4 m; the night is that of head lamps. All begin from nowhere with odometry, but for the last
 row of them, to which the first pose is given. An error is that of the vehicle relative to the taught drive (`repeats`).
-Then camera_info tells a lens that is too long: it must be named, or the pose withheld; a right one is never called so.
+Two lenses are dirty from the start on. Then camera_info tells a lens that is too long: it must be named, or the pose
+withheld; a right one is never called so.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
 from benchmarks.drive.repeats import MAX_CLOUDS, Drive, Found, Way, localise
 from benchmarks.report import Bound, Headline, Report, Table
+from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav_tools.cli.demo.report import read_truth
 
@@ -27,7 +32,8 @@ LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}
 class Row(NamedTuple):
     """What is driven: the simulator's parameters, and the least share of moving images in TRACKING, latest start in s.
 
-    is_given: with the pose of the first image. longer: by this share is the lens that camera_info tells.
+    is_given: with the pose of the first image. longer: by this share is the lens that camera_info tells. dirt: the
+    share of the view that it covers.
     """
 
     name: str
@@ -36,6 +42,7 @@ class Row(NamedTuple):
     latest_s: float
     is_given: bool = False
     longer: float = 0.0
+    dirt: float = 0.0
 
 
 LENSES = ((80, 0.98), (60, 0.98), (50, 0.98), (30, 0.9))
@@ -44,10 +51,12 @@ ROWS = (
     Row("0.4 m above ground", DAY | LOW, 0.95, 3.0),
     Row("first night", NIGHT, 0.9, 3.0),
     Row("first night, pose given", NIGHT, 0.9, 1.0, is_given=True),
+    *(Row(f"dirt over {share:.0%}", DAY, least, 3.0, dirt=share) for share, least in ((0.15, 0.99), (0.3, 0.95))),
     *(Row(f"lens {share:.0%} too long", DAY, 0.0, 0.0, longer=share) for share in (0.02, 0.05, 0.07, 0.24)),
 )
 LENGTHS_M = {"quick": 4.0, "full": 30.0}
-QUICK = "80 deg", "first night, pose given", *(row.name for row in ROWS if row.longer)  # that are left out
+QUICK = "80 deg", "first night, pose given", *(row.name for row in ROWS if row.longer or row.dirt)  # that are left out
+DIRT_SIDE, DIRT_GRAY, SMEAR = 0.05, 50.0, 0.01  # size of spots and of their rims, as share of the width; grey level
 MAX_UNNAMED = 0.3  # of the images, in TRACKING by a wrong lens
 MAX_SIGMAS, MAX_OFF = 4.48, 0.05  # chi of 6 numbers that three sigma of one are; share of the poses that is beyond
 COLUMNS = ("camera", "images", "TRACKING", "start", "wrong", "lateral RMSE", "RMSE", "worst", "beyond 3 sigma", "else")
@@ -63,7 +72,9 @@ def run(options: argparse.Namespace) -> Report:
         if not bag.exists():
             way.record(bag, row.parameters, by_rig=False)
             if row.longer:
-                bag = tell_lens(bag, row.longer)
+                bag = change(bag, "/camera_info", partial(tell_lens, longer=row.longer))
+            if row.dirt:
+                bag = change(bag, "/image_raw", partial(soil, share=row.dirt, seed=options.seed))
         if row.is_given:
             T_map = taught.T_map[0] @ taught.T_world[0].inverse() @ read_truth(bag).T_map_body[0]
             words = ["--initial-pose", ",".join(f"{x:.6f}" for x in (*T_map.translation, *T_map.quaternion))]
@@ -75,17 +86,36 @@ def run(options: argparse.Namespace) -> Report:
     return Report("lenses", [table], bounds, [__doc__ or ""])
 
 
-def tell_lens(bag: Path, longer: float) -> Path:
-    """Return a copy of a bag in which camera_info tells a longer lens."""
-    told = bag.with_name(f"{bag.name} told")
-    with BagReader(bag) as reader, BagWriter(told) as writer:
+def change(bag: Path, topic: str, edit: Callable[[Any], Any]) -> Path:
+    """Return a copy of a bag with other messages of a topic."""
+    changed = bag.with_name(f"{bag.name} changed")
+    with BagReader(bag) as reader, BagWriter(changed) as writer:
         for info in reader.topics.values():
             writer.add_topic(info.name, info.type, *info.profiles)
-        for topic, stamp, message in reader.messages():
-            if topic == "/camera_info":
-                message.k[[0, 4]] *= 1.0 + longer
-            writer.write(topic, message, stamp)
-    return told
+        for name, stamp, message in reader.messages():
+            writer.write(name, edit(message) if name == topic else message, stamp)
+    return changed
+
+
+def tell_lens(info: Any, longer: float) -> Any:
+    """Return camera_info of a longer lens."""
+    info.k[[0, 4]] *= 1.0 + longer
+    return info
+
+
+def soil(message: Any, share: float, seed: int) -> Any:
+    """Return an image through a lens of which spots are covered, the same at all times."""
+    pixels = conversions.image_to_array(message)
+    height, width = pixels.shape[:2]
+    noise = np.random.default_rng(seed).normal(size=(2, height, width)).astype(np.float32)
+    spots, smear = (
+        cv2.GaussianBlur(one, (0, 0), size * width) for one, size in zip(noise, (DIRT_SIDE, SMEAR), strict=True)
+    )
+    cover = cv2.GaussianBlur(np.float32(spots > np.quantile(spots, 1.0 - share)), (0, 0), SMEAR * width)
+    dirt = DIRT_GRAY * (1.0 + smear / smear.std() / 4.0)
+    cover, dirt = (one.reshape(height, width, *[1] * (pixels.ndim - 2)) for one in (cover, dirt))
+    seen = np.clip(np.rint(pixels + cover * (dirt - pixels)), 0, 255).astype(np.uint8)
+    return conversions.array_to_image(seen, conversions.stamp_ns(message), message.header.frame_id, message.encoding)
 
 
 def judge(row: Row, found: Found, data: str) -> list[Bound]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,8 +57,9 @@ class ViewMask:
         self._whole: list[tuple[Pyramid, Pyramid]] = []  # the latest images: with hidden cells, without
 
     def hidden(self, name: str) -> Cells:
-        """Return which cells of a camera are left out."""
-        return np.asarray(self._log_odds.get(name, np.zeros((ROWS, COLUMNS))) <= HIDDEN_LOG_ODDS)
+        """Return which cells of a camera are left out: those that surely never show the map, and gaps among them."""
+        surely = self._log_odds.get(name, np.zeros((ROWS, COLUMNS))) <= HIDDEN_LOG_ODDS
+        return np.asarray(cv2.morphologyEx(surely.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3))) > 0)
 
     def hide(self, chosen: RigChoice) -> RigChoice:
         """Return the images that are to be aligned without the cells that are left out."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -101,7 +102,11 @@ def build_pyramid(
 
 
 def hide(pyramid: Pyramid, is_hidden: NDArray[np.bool_]) -> Pyramid:
-    """Return a pyramid with NaN in some cells (rows, columns) of its image: nothing is compared there."""
+    """Return a pyramid with NaN in some cells (rows, columns) of its image and half a cell around: nothing is compared.
+
+    What hides a cell ends somewhere in the next one, and its edge goes with the camera.
+    """
+    is_hidden = cv2.dilate(np.kron(is_hidden, np.ones((2, 2), np.uint8)).astype(np.uint8), np.ones((3, 3))) > 0
     rows, columns = is_hidden.shape
     levels = []
     for level in pyramid.levels:

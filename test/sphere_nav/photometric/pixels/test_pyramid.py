@@ -41,13 +41,13 @@ def test_an_image_much_sharper_than_the_map_is_compared_as_the_map_can_show_it(s
     assert found.levels[-1] is pyramid.levels[-1]
 
 
-def test_a_hidden_cell_is_unknown_at_every_level_and_no_other(rng):
+def test_a_hidden_cell_and_half_of_its_neighbours_are_unknown_at_every_level(rng):
     camera, cells = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5), np.zeros((3, 4), bool)
     cells[1, 2] = True
     image = rng.integers(0, 255, (48, 64)).astype(np.uint8)
     pyramid = build_pyramid(image, camera, PyramidParams(num_levels=3, min_side=8))
     for before, after in zip(pyramid.images, hide(pyramid, cells).images, strict=True):
-        side = before.shape[0] // 3
+        half = before.shape[0] // 6
         expected = before.astype(np.float32)
-        expected[side : 2 * side, 2 * side : 3 * side] = np.nan
+        expected[half : 5 * half, 3 * half : 7 * half] = np.nan
         assert np.array_equal(after, expected, equal_nan=True)
