@@ -1,10 +1,9 @@
 """A street of the simulator mapped by six cameras on one sunny day, driven by other cameras, and by night.
 
 The cameras see 80 to 30 degrees, on another day among other parked cars and traffic, from 1.8 m above the ground as the
-map was taken, or from 0.4 m; the night is that of head lamps. All begin from nowhere with odometry, but for the last
-row of them, to which the first pose is given. An error is that of the vehicle relative to the taught drive (`repeats`).
-Two lenses are dirty from the start on. Then camera_info tells a lens that is too long: it must be named, or the pose
-withheld; a right one is never called so.
+map was taken, or from 0.4 m; the night is that of head lamps. All begin from nowhere with odometry, but one, to which
+the first pose is given. An error is that of the vehicle relative to the taught drive (`repeats`). Two lenses are dirty.
+Then camera_info tells a lens that is too long: it must be named, or the pose withheld; a right one is never called so.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}
 class Row(NamedTuple):
     """What is driven: the simulator's parameters, and the least share of moving images in TRACKING, latest start in s.
 
-    is_given: with the pose of the first image. longer: by this share is the lens that camera_info tells. dirt: the
-    share of the view that it covers.
+    is_given: with the pose of the first image. Shares: longer is the lens of camera_info, dirt covers so much.
     """
 
     name: str
