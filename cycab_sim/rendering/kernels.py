@@ -19,6 +19,7 @@ FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more 
 DIRECTION, FAR, MASK = 4, 8, 9  # fields of the ray (org x, y, z and near come first)
 PRIMITIVE, GEOMETRY = 17, 18  # fields of the hit (normal and u, v come first)
 NONE = 0xFFFFFFFF
+LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
 
 
 class PacketFunction(types.WrapperAddressProtocol):
@@ -45,12 +46,10 @@ def cast_packets(intersect, scene, arguments, origins, rays, first_number, trian
     with NaN meet nothing.
     """
     store = np.empty((FIELDS + 3) * LANES, np.float32)
-    skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # packets are aligned
-    floats = store[skip : skip + FIELDS * LANES].reshape(FIELDS, LANES)
+    skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # which rays are used, and the packet behind, are aligned
+    is_used = store[skip : skip + LANES].view(np.int32)
+    floats = store[skip + LANES : skip + (FIELDS + 1) * LANES].reshape(FIELDS, LANES)
     words = floats.view(np.uint32)
-    flags = np.empty(4 * LANES, np.int32)
-    skip = ((64 - (flags.ctypes.data & 63)) & 63) // 4
-    is_used = flags[skip : skip + LANES]
     num = rays.shape[0]
     words[:] = 0
     for first in range(0, num, LANES):
@@ -296,7 +295,7 @@ def tone(color, gain, curve, image):
             x = min(max(gain[c] * color[n, c], 0.0), 1.0) * last
             k = min(int(x), last - 1)
             level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
-            luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))
+            luma += level * LUMA[c]
             if image.shape[1] == 3:
                 image[n, c] = level
         if image.shape[1] == 1:

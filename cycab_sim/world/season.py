@@ -36,7 +36,7 @@ def park(mesh: Mesh, seed: int, number: int) -> Mesh:
     for slot in mesh.slots:
         if rng.random() < OCCUPIED:
             turn = (np.pi if rng.random() < REVERSED else 0.0) + rng.normal(0.0, 0.02)
-            furniture.add_car(builder.within(slot).at(rng.uniform(-SHIFT, SHIFT), 0.0, turn), rng)
+            furniture.add_car(builder.within(slot).at(rng.uniform(-SHIFT, SHIFT), 0.0, turn))
     left = _with_triangles(mesh, ~mesh.is_parked[mesh.surface_of])
     return joined([left, builder.build()]) if builder.num_surfaces else left
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cycab_sim.world import city
-from cycab_sim.world.mesh import Mesh
+from cycab_sim.world.mesh import Mesh, Rectangle
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
@@ -147,7 +147,7 @@ def _loops(
     return [Loop(kind, p.at(np.arange(c) * p.length / c)[:, :2], z, **more) for p, c in zip(paths, counts, strict=True)]
 
 
-def _inset(block: tuple[float, float, float, float], d: float) -> list[tuple[float, float]]:
+def _inset(block: Rectangle, d: float) -> list[tuple[float, float]]:
     x0, y0, x1, y1 = block
     return [(x0 + d, y0 + d), (x1 - d, y0 + d), (x1 - d, y1 - d), (x0 + d, y1 - d)]
 
