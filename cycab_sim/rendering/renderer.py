@@ -83,7 +83,7 @@ class Renderer:
         self._shadows = ShadowMap(self._scene, shadow, self.light.sun, middle, self._pool)
         shelter = extent, max(SHELTER_TEXEL, texel)
         roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle, self._pool)
-        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams(), roof)
+        self._weather = Weather(self.mesh, light, season or SeasonParams(), roof)
 
     def move(self, T_world_part: Array) -> None:
         """Put the traffic where it is now, T_world_part (P, 4, 4) of `Traffic.poses`."""

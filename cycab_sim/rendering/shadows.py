@@ -39,7 +39,6 @@ class ShadowMap:
         self.corner = self.T_sun_world[:2] @ center - 0.5 * self._size * self.texel * self.has_shadows
         self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
         self._drawn: Floats | None = None
-        self._windows = np.zeros((0, 4), np.int32)
 
     @property
     def still(self) -> Floats:
@@ -62,10 +61,9 @@ class ShadowMap:
         if not self.has_shadows:
             return
         if self._drawn is None:
-            self._drawn = self.still.copy()
-        kernels.erase_shadows(self._windows, self.still, self._drawn)
-        self._windows = np.empty((len(triangles), 4), np.int32)
-        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._windows, self._drawn)
+            self._drawn = np.empty_like(self.still)
+        np.copyto(self._drawn, self.still)
+        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._drawn)
 
     def _cast(self) -> Floats:
         R, texel, size, corner = self.T_sun_world, self.texel, self._size, self.corner
