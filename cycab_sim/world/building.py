@@ -11,7 +11,7 @@ import numpy as np
 
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
-from cycab_sim.world.mesh import Finish, MeshBuilder, Rectangle, upright
+from cycab_sim.world.mesh import REVEAL, Finish, MeshBuilder, Rectangle, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -104,14 +104,8 @@ def _add_opening(
     """Add the reveal, pane or door, sill and shutters of a hole (x0, x1, z0, z1)."""
     x0, x1, z0, z1 = hole
     r = style.reveal
-    reveal = [
-        [[x0, 0, z0], [x1, 0, z0], [x1, r, z0], [x0, r, z0]],
-        [[x0, r, z1], [x1, r, z1], [x1, 0, z1], [x0, 0, z1]],
-        [[x0, 0, z0], [x0, r, z0], [x0, r, z1], [x0, 0, z1]],
-        [[x1, r, z0], [x1, 0, z0], [x1, 0, z1], [x1, r, z1]],
-    ]
-    mesh.panels(reveal, finishes.TRIM)
     w, h = x1 - x0, z1 - z0
+    mesh.panels([x0, 0.0, z0] + REVEAL * [w, r, h], finishes.TRIM)
     leaf = Finish(k.WOOD, style.frame, finishes.darker(style.frame, 0.4), (0.14, w, h))
     across, up = 2 if w < 1.6 else 3, 2 if h < 1.8 else 3
     pane = leaf if is_door else finishes.window(w, h, style.frame, mesh.rng, across, up)
@@ -176,16 +170,9 @@ def _add_gable_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: F
     middle, eave = depth / 2, -0.35
     drop = height - (ridge - height) / middle * 0.35
     front = [[-0.1, eave, drop], [width + 0.1, eave, drop], [width + 0.1, middle, ridge], [-0.1, middle, ridge]]
-    back = [
-        [width + 0.1, depth - eave, drop],
-        [-0.1, depth - eave, drop],
-        [-0.1, middle, ridge],
-        [width + 0.1, middle, ridge],
-    ]
-    mesh.panels([front, back], tiles)
     right = [[width, 0, height], [width, depth, height], [width, middle, ridge], [width, middle, ridge]]
-    left = [[0, depth, height], [0, 0, height], [0, middle, ridge], [0, middle, ridge]]
-    mesh.panels([right, left], wall)
+    for side, finish in ((front, tiles), (right, wall)):
+        mesh.panels([side, [width, depth, 0.0] + np.array(side) * [-1.0, -1.0, 1.0]], finish)  # and turned to the back
     _add_chimney(mesh, width, middle, ridge - 0.4)
 
 

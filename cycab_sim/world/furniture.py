@@ -169,27 +169,19 @@ def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish) ->
 @cache
 def _sphere_faces() -> tuple[Array, Integers]:
     """Return an octahedron split twice: directions (P, 3) and faces (F, 3)."""
-    points = [
-        np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
-    ]
-    faces = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
-    middles: dict[tuple[int, int], int] = {}
-
-    def middle(a: int, b: int) -> int:
-        key = (min(a, b), max(a, b))
-        if key not in middles:
-            point = points[a] + points[b]
-            points.append(point / np.linalg.norm(point))
-            middles[key] = len(points) - 1
-        return middles[key]
-
+    points = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], np.float64)
+    faces = np.array([(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)])
     for _ in range(2):
-        split = []
-        for a, b, c in faces:
-            ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-            split += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        faces = split
-    return np.array(points), np.array(faces)
+        corners = points[faces]
+        middles = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)  # of ab, bc, ca
+        middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+        every = np.concatenate([points, middles])
+        _, first, number = np.unique(every, axis=0, return_index=True, return_inverse=True)
+        points, rank = every[np.sort(first)], np.argsort(np.argsort(first))  # in the order in which they come
+        ab, bc, ca = rank[number.ravel()[-len(middles) :]].reshape(-1, 3).T
+        a, b, c = faces.T
+        faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    return points, faces
 
 
 def add_frustum(

@@ -25,6 +25,9 @@ BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise 
 )
 
 
+REVEAL = np.concatenate([BOX_FACES[[5, 4], ::-1], BOX_FACES[[2, 3]][:, [1, 0, 3, 2]]])  # floor, top, sides from inside
+
+
 @dataclass(frozen=True)
 class Finish:
     """Material with its two linear colours and up to six numbers (params[0]: contrast); see texture/kernels.py."""
