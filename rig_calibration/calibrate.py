@@ -128,8 +128,8 @@ def _each_camera(
         with told_at(f"camera {spec.name}"):
             single = calibrate_camera(spec.model, spec.size, seen, spec.start)
         singles.append(single)
-        weights = np.split(single.adjusted.kept, seen.starts[1:-1])
-        for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
+        for index, (view, rows) in enumerate(zip(own, seen.rows, strict=True)):
+            weight = single.adjusted.kept[rows]
             if np.any(weight > 0):
                 T = single.T_camera_board[index] @ turns[view.board]
                 good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))
