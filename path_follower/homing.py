@@ -66,15 +66,11 @@ class HomingFollower(Follower):
         return (Verdict(StopReason.END_OF_PATH) if is_over else verdict), None
 
     def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
-        """Return the first reason against motion."""
-        return self._judge_way() if inputs is FINE else inputs
-
-    def _judge_way(self) -> Verdict:
-        """Return whether the direction is too far aside, or something stands in the way."""
+        """Return the first reason against motion: the inputs, a direction too far aside, something in the way."""
         aside = over(StopReason.OFF_PATH, abs(self.direction or 0.0), MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return first_of(aside, blocked(count))
+        return first_of(inputs, aside, blocked(count))
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end: be finished."""

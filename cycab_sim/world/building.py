@@ -171,8 +171,8 @@ def _add_gable_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: F
     drop = height - (ridge - height) / middle * 0.35
     front = [[-0.1, eave, drop], [width + 0.1, eave, drop], [width + 0.1, middle, ridge], [-0.1, middle, ridge]]
     right = [[width, 0, height], [width, depth, height], [width, middle, ridge], [width, middle, ridge]]
-    for side, finish in ((front, tiles), (right, wall)):
-        mesh.panels([side, [width, depth, 0.0] + np.array(side) * [-1.0, -1.0, 1.0]], finish)  # and turned to the back
+    for side, finish in ((np.array(front), tiles), (np.array(right), wall)):
+        mesh.panels([side, [width, depth, 0.0] + side * [-1.0, -1.0, 1.0]], finish)  # and turned to the back
     _add_chimney(mesh, width, middle, ridge - 0.4)
 
 

@@ -71,7 +71,7 @@ class ControlLoop:
         self.scans = ScanIntake(endpoints, p, self.follower, transforms)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
-        endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
+        endpoints.add_timer(LOOK_PERIOD, self.peers.look, is_wall=True)
 
     # --- requests of the front; a text says why not, and is empty where it was done
     def motions(self, path: ReferencePath | None = None) -> dict[str, Callable[[], str | None]]:
@@ -182,10 +182,6 @@ class ControlLoop:
         last_ns = self.answered.stamp_ns
         is_based = last_ns > 0 and clock_ns - last_ns <= 1e9 * self.params.safety.max_pose_silence
         return last_ns if is_based else clock_ns
-
-    def on_look(self) -> None:
-        """Look who publishes what the vehicle is driven by, and commands."""
-        self.peers.look()
 
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2, between
+from path_follower.path_files import COLUMNS
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array
@@ -29,7 +30,6 @@ FORMAT, VERSION = "sphere_nav routes", 1
 FILE_NAME = "routes.geojson"  # in the folder of its map
 _FRAME = "map"  # that Route Server is told
 DECIMALS = 4  # of metres and radians
-COLUMNS = ("x", "y", "yaw", "speed")
 
 
 def network_path(path: Path) -> Path:
