@@ -69,13 +69,13 @@ def _add_front(mesh: MeshBuilder, width: float, height: float, storeys: int, sty
     upper = GROUND_STOREY + np.arange(storeys - 1) * style.storey + 0.8
     rows = [(low - GROUND_STOREY, low + style.window[1] - GROUND_STOREY) for low in upper]
     above = mesh.at(0.0, 0.0, 0.0, GROUND_STOREY)
-    _add_openings(above, width, height - GROUND_STOREY, centers, half, rows, style, None)
+    _add_openings(above, width, height - GROUND_STOREY, centers, half, rows, style)
     _add_trims(mesh, width, height, storeys, style)
 
 
 def _add_openings(
     mesh: MeshBuilder, width: float, height: float, centers: Array, half: float,
-    rows: list[tuple[float, float]], style: Style, door: int | None,
+    rows: list[tuple[float, float]], style: Style, door: int = -1,
 ) -> None:  # fmt: skip
     """Add a wall with a grid of windows of `half` their width, one of them replaced by a door in the lowest row."""
     left, right = centers - half, centers + half
@@ -84,9 +84,8 @@ def _add_openings(
     solid = []
     for i in range(len(x) - 1):
         for j in range(len(z) - 1):
-            is_window = i % 2 == 1 and j % 2 == 1
-            is_below_door = door is not None and i == 2 * door + 1 and j == 0
-            if not is_window and not is_below_door:
+            is_hole = j % 2 == 1 or (j == 0 and i == 2 * door + 1)  # a window, or the door down to the ground
+            if i % 2 == 0 or not is_hole:
                 solid.append(upright(x[i], x[i + 1], z[j], z[j + 1], 0.0))
     mesh.sheet(solid, style.wall, [[0, 0, 0], [1, 0, 0], [0, 0, 1]])
     for j, (low, high) in enumerate(rows):

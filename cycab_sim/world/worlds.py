@@ -52,6 +52,9 @@ class GroundProfile:
         return lift @ T_world_planar @ SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
 
 
+RAMP = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
+
+
 @dataclass(frozen=True)
 class World:
     """A mesh, the ground, the path, the box x0, y0, x1, y1 m of its detailed part, and where traffic goes."""
@@ -75,8 +78,7 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
         path_along = Path((4.0, 0.0, 0.0), (Piece(CORRIDOR - 8.0),))
         return World(_build_corridor(seed), GroundProfile(), path_along, (0.0, -4.0, CORRIDOR, 4.0))
     if world == "ramp":
-        ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
-        return World(_build_ramp(seed), ground, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
+        return World(_build_ramp(seed), RAMP, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
@@ -151,8 +153,7 @@ def _build_corridor(seed: int) -> Mesh:
 def _build_ramp(seed: int) -> Mesh:
     """Return a street along x, houses and trees on either side, everything lifted to the ground's height."""
     rng = np.random.default_rng([seed, 62])
-    ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
-    mesh = MeshBuilder(rng, height=ground.height)
+    mesh = MeshBuilder(rng, height=RAMP.height)
     edges = np.unique(np.concatenate([BREAKS[1:-1], np.arange(-40.0, 181.0, 10.0)]))
     for x0, x1 in pairwise(edges):
         mesh.panels(flat(x0, -60, x1, 60, -0.02), finishes.SOIL)

@@ -122,12 +122,11 @@ def standing_place(path: Path, distance: float) -> Loop:
                                   y - radius * (np.sin(yaw) - np.sin(angles))], axis=1))  # fmt: skip
 
 
-def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
+def walk_around(loops: list[Loop], mesh: Mesh) -> list[Loop]:
     """Return the loops with walks led around what stands on the pavement."""
-    loops = list(loops)
     if not any(loop.kind == "walk" for loop in loops):
         return loops
-    every = np.concatenate([loop.points for loop in loops] or [np.zeros((1, 2))])
+    every = np.concatenate([loop.points for loop in loops])
     corner = every.min(axis=0) - MARGIN
     grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)
     return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
