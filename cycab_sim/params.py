@@ -41,7 +41,6 @@ class LightParams:
         "where the sun is: azimuth (from x, to the left), elevation (deg); or hour (20 May): 9.5h; of a day: 265,9.5h",
     )
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
-    hour_rate: float = param(0.0, "hours that pass in a second, where the sun has an hour", low=0.0, high=1.0)
     clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
     overcast: float = param(0.0, "share of the sky behind a closed layer of clouds", low=0.0, high=1.0)
     has_street_lamps: bool = param(False, "whether street lamps and some windows are lit")
@@ -115,7 +114,7 @@ class TrafficParams:
     walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
     trams: ClassVar[int] = 1  # trams of three sections
     members: ClassVar[Mapping[str, tuple[int, int, int]]] = {  # cars, cyclists, pedestrians
-        "none": (0, 0, 0), "usual": (12, 6, 40), "busy": (20, 10, 80),
+        "usual": (12, 6, 40), "busy": (20, 10, 80),
     }  # fmt: skip
 
 

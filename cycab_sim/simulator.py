@@ -18,13 +18,13 @@ import numpy as np
 from cycab_sim.driver import PurePursuitDriver
 from cycab_sim.params import SimParams, in_condition
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.rendering.sky import is_constant, light_at
+from cycab_sim.rendering.sky import light_at
 from cycab_sim.sensors.cameras import forward_camera, roof_sphere
 from cycab_sim.sensors.faults import SECOND, Faults
 from cycab_sim.sensors.imaging import CameraArray, RenderedFrame, expose
 from cycab_sim.sensors.imu import Imu, ImuReading
 from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
-from cycab_sim.sensors.scanner import Scan, Scanner
+from cycab_sim.sensors.scanner import Scanner
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
 from cycab_sim.world.paths import Path, arc
 from cycab_sim.world.season import change_season
@@ -103,12 +103,11 @@ class Simulator:
 
     def read_imu(self) -> ImuReading:
         """Return what the IMU measures now; it follows the car where `imu.is_on`."""
-        return self.imu.read(self.T_world_base, self._number("imu"), self.time_ns)
+        return self.imu.read(self.T_world_base, self._number("imu"))
 
-    def scan(self) -> Scan:
-        """Return what the laser scanner measures now."""
-        T_world_base = self._set_scene()
-        return self.scanner.scan(self.renderer.measure, T_world_base, self._number("scan"), self.time_ns)
+    def scan(self) -> Floats:
+        """Return the ranges (N,) m that the laser scanner measures now."""
+        return self.scanner.scan(self.renderer.measure, self._set_scene(), self._number("scan"))
 
     def _number(self, name: str) -> int:
         """Return the number of the latest output of a name, 0 before the first."""
@@ -171,8 +170,7 @@ class Simulator:
 
     def _light_and_move(self, stamp_ns: int, clear: Array, radius: float) -> None:
         """Put light and traffic as they are at an instant, nobody within `radius` m of the points `clear` (N, 2)."""
-        if not is_constant(self.params.light):
-            self.renderer.illuminate(light_at(self.params.light, stamp_ns / SECOND, self.params.seed))
+        self.renderer.light = light_at(self.params.light, stamp_ns / SECOND, self.params.seed)
         if self.traffic is not None:
             self.renderer.move(self.traffic.poses(stamp_ns, clear, radius))
 

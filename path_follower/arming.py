@@ -6,38 +6,16 @@ import math
 from collections.abc import Callable
 
 from path_follower.consistency import MotionConsistency
-from path_follower.constants import STEADY_NS
 from path_follower.modes import WITHDRAWN, Event, Mode, Phase
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, Severity, StopReason, describe, severity_of
+from path_follower.reasons import FINE, StopReason, describe
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Motion, Predictor
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Verdict
 
 OPERATOR, EMERGENCY = Verdict(StopReason.OPERATOR), Verdict(StopReason.EMERGENCY_STOP)
-
-
-class Resumption:
-    """The rule `safety.resume`: only what was missing may end a stop by its return; all else waits for a request."""
-
-    def __init__(self, rule: str) -> None:
-        """`rule`: never, moving (before standstill) or standing (also after it)."""
-        self._rule = rule
-        self._steady_ns: int | None = None
-
-    def is_due(self, mode: Mode, now_ns: int, *, is_fine: bool, is_tracking: bool) -> bool:
-        """Return whether to go on; `is_fine`: nothing speaks against motion, `is_tracking`: localised without doubt."""
-        may_pass = is_fine and severity_of(mode.verdict) is Severity.MISSING and self._rule != "never"
-        if may_pass and mode.phase is Phase.YIELDING:
-            return True
-        if not (may_pass and is_tracking and mode.phase is Phase.WAITING and self._rule == "standing"):
-            self._steady_ns = None
-            return False
-        if self._steady_ns is None:
-            self._steady_ns = now_ns
-        return now_ns - self._steady_ns >= STEADY_NS
 
 
 class Arming:
@@ -48,7 +26,7 @@ class Arming:
         self.params = params or FollowerParams()
         self.watch = SafetyMonitor(self.params)
         self.mode = Mode()
-        self.resumption = Resumption(self.params.safety.resume)
+        self._steady_ns: int | None = None  # since when a vehicle that waits could go on
         self.limiter = Limiter(self.params.vehicle)
         self.predictor = Predictor(self.params.vehicle, self.params.actuation)
         self.consistency = MotionConsistency(self.params, self.predictor)
@@ -135,7 +113,7 @@ class Arming:
         self.watch.reset()
         self.predictor.reset()
         self.consistency.reset()
-        self.limiter.last_ns = None
+        self.limiter.last_ns = self._steady_ns = None
         self.mode.take(Event.RESET, Verdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
 
     def _go(self, event: Event, now_ns: int) -> str:

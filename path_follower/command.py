@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from path_follower.modes import FollowerState, Mode
-from path_follower.path import Location, ReferencePath, ReferencePoint
+from path_follower.modes import FollowerState
+from path_follower.path import Location, ReferencePoint
 from path_follower.reasons import REMEDIES
 from path_follower.steering import Errors
 from sphere_nav.localization.status import Verdict
@@ -48,11 +48,3 @@ class Command:
     steering_angle: float
     tracking: TrackingError | None
     status: FollowerReport
-
-
-def report_of(mode: Mode, path: ReferencePath | None, location: Location | None) -> FollowerReport:
-    """Return the status; on a closed path the way left is that of the present round."""
-    progress, left = location.arc_length if location else 0.0, 0.0
-    if path is not None:
-        left = path.length - (progress)
-    return FollowerReport(mode.state, mode.verdict, progress, left, mode.is_armed, mode.permission)

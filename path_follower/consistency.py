@@ -57,7 +57,6 @@ class Doubt:
 
     stop: Verdict = FINE
     slow: Verdict = FINE
-    share: float = 0.0  # of what stops, the largest error that has added up
 
 
 class Reckoning(NamedTuple):
@@ -181,7 +180,7 @@ class MotionConsistency:
         self._compare(last, now, variance)
         self._last = now
         stop = self._judge_motion(now)
-        return Doubt(stop, stop, self._pose.share) if stop is not FINE else self._slow(doubt.slow, time_ns)
+        return Doubt(stop, stop) if stop is not FINE else self._slow(doubt.slow, time_ns)
 
     def _compare(self, last: Instant, now: Instant, variance: Array) -> None:
         """Compare the pose with the wheels and these with the commands; with the commands where no wheels are heard."""
@@ -211,17 +210,16 @@ class MotionConsistency:
 
     def _slow(self, uncertain: Verdict, now_ns: int) -> Doubt:
         """Drive slowly while the pose is uncertain, for a limited time, or beside the motion by less than stops."""
-        share = self._pose.share
         if uncertain is FINE:
             self._uncertain_ns = -1
             if self._pose.slow_share <= 1.0:
-                return Doubt(share=share)
+                return Doubt()
             advice = "driving slowly until pose and motion agree again"
-            return Doubt(FINE, Verdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
+            return Doubt(FINE, Verdict(StopReason.POSE_INCONSISTENT, self._pose.share, 1.0, self._pose.found, advice))
         self._uncertain_ns = self._uncertain_ns if self._uncertain_ns >= 0 else now_ns
         seconds, limit = (now_ns - self._uncertain_ns) / 1e9, MAX_DEGRADED_TIME
         found = f"for {seconds:.3g} s, limit {limit:.3g}: {uncertain.detail}"
-        return Doubt(over(StopReason.POSE_UNCERTAIN, seconds, limit, found), uncertain, share)
+        return Doubt(over(StopReason.POSE_UNCERTAIN, seconds, limit, found), uncertain)
 
     # --- wheels
     def _wheels_at(self, time_ns: int) -> Reckoning | None:

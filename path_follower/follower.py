@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from path_follower.arming import Arming
-from path_follower.command import Command, FollowerReport, TrackingError, report_of
-from path_follower.constants import CREEP, GOAL_TOLERANCE, SEARCH_WINDOW
-from path_follower.modes import SLOWLY, Event, FollowerState
+from path_follower.command import Command, FollowerReport, TrackingError
+from path_follower.constants import CREEP, GOAL_TOLERANCE, SEARCH_WINDOW, STEADY_NS
+from path_follower.modes import SLOWLY, Event, FollowerState, Phase
 from path_follower.path import Pose2
-from path_follower.reasons import FINE, StopReason
+from path_follower.reasons import FINE, Severity, StopReason, severity_of
 from path_follower.speed import bounded_speed, eased_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
@@ -66,7 +66,14 @@ class Follower(Arming):
     @property
     def report(self) -> FollowerReport:
         """What it does and why."""
-        return report_of(self.mode, self.path, self.location)
+        mode = self.mode
+        return FollowerReport(mode.state, mode.verdict, *self.way, mode.is_armed, mode.permission)
+
+    @property
+    def way(self) -> tuple[float, float]:
+        """Way gone and way left in m; on a closed path that of the present round."""
+        gone = self.location.arc_length if self.location else 0.0
+        return gone, self.path.length - gone if self.path is not None else 0.0
 
     def _track(self, now_ns: int) -> TrackingError | None:
         """Project onto the closest edge, predict, and compare with the virtual vehicle (eq. 22 to 24)."""
@@ -92,9 +99,24 @@ class Follower(Arming):
     def _follow_verdict(self, verdict: Verdict, now_ns: int) -> None:
         """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""
         self.mode.halt(verdict)
-        is_tracking = self.watch.state == State.TRACKING
-        if self.resumption.is_due(self.mode, now_ns, is_fine=verdict is FINE, is_tracking=is_tracking):
+        if self._may_resume(now_ns, is_fine=verdict is FINE):
             self._go(Event.BACK, now_ns)
+
+    def _may_resume(self, now_ns: int, *, is_fine: bool) -> bool:
+        """Whether to go on by the rule `safety.resume`: only what was missing may end a stop by its return.
+
+        The rule is never, moving (before standstill) or standing (also after it, once TRACKING holds).
+        """
+        rule, phase = self.params.safety.resume, self.mode.phase
+        may_pass = is_fine and severity_of(self.mode.verdict) is Severity.MISSING and rule != "never"
+        if may_pass and phase is Phase.YIELDING:
+            return True
+        is_steady = may_pass and phase is Phase.WAITING and rule == "standing" and self.watch.state == State.TRACKING
+        if not is_steady:
+            self._steady_ns = None
+        elif self._steady_ns is None:
+            self._steady_ns = now_ns
+        return self._steady_ns is not None and now_ns - self._steady_ns >= STEADY_NS
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end of a segment: go on behind the cusp, or be finished."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from path_follower.command import FollowerReport, TrackingError
+from path_follower.command import TrackingError
 from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE
 from path_follower.follower import Follower
 from path_follower.modes import Event
@@ -26,7 +26,7 @@ class HomingFollower(Follower):
     def __init__(self, params: FollowerParams | None = None) -> None:
         """Begin at standstill, not armed, not there yet."""
         super().__init__(params)
-        self.progress = self.distance_to_end = 0.0
+        self._way = 0.0, 0.0
         self.is_there = False
         self.mode.take(Event.LOAD)
 
@@ -48,14 +48,12 @@ class HomingFollower(Follower):
         unclear = State.LOST if is_blind else State.DEGRADED
         self.watch.see_status(State.TRACKING if is_trusted or is_there else unclear, now_ns)
         self.is_there = is_there
-        self.progress, self.distance_to_end = way
+        self._way = way
 
     @property
-    def report(self) -> FollowerReport:
-        """What it does and why."""
-        mode = self.mode
-        way = self.progress, self.distance_to_end
-        return FollowerReport(mode.state, mode.verdict, *way, mode.is_armed, mode.permission)
+    def way(self) -> tuple[float, float]:
+        """Way gone and way left in m, as the source of the directions says."""
+        return self._way
 
     def load(self, path: ReferencePath | None) -> None:
         """Refuse: the path is that of who gives the directions."""
@@ -68,15 +66,11 @@ class HomingFollower(Follower):
         return (Verdict(StopReason.END_OF_PATH) if is_over else verdict), None
 
     def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
-        """Return the first reason against motion."""
-        return self._judge_way() if inputs is FINE else inputs
-
-    def _judge_way(self) -> Verdict:
-        """Return whether the direction is too far aside, or something stands in the way."""
+        """Return the first reason against motion: the inputs, a direction too far aside, something in the way."""
         aside = over(StopReason.OFF_PATH, abs(self.direction or 0.0), MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return first_of(aside, blocked(count))
+        return first_of(inputs, aside, blocked(count))
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end: be finished."""

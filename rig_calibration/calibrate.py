@@ -109,10 +109,6 @@ def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence
             raise ValueError(
                 f"camera {name}: expected a board in at least {MIN_VIEWS} of its images, found {count[name]}"
             )
-    known = {board.name for board in boards}
-    for view in views:
-        if view.board not in known or len(view.corners) != len(view.pixels) or not np.all(np.isfinite(view.pixels)):
-            raise ValueError(f"view {view.label}: expected finite corners of a known board")
 
 
 def _each_camera(
@@ -132,8 +128,8 @@ def _each_camera(
         with told_at(f"camera {spec.name}"):
             single = calibrate_camera(spec.model, spec.size, seen, spec.start)
         singles.append(single)
-        weights = np.split(single.adjusted.kept, seen.starts[1:-1])
-        for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
+        for index, (view, rows) in enumerate(zip(own, seen.rows, strict=True)):
+            weight = single.adjusted.kept[rows]
             if np.any(weight > 0):
                 T = single.T_camera_board[index] @ turns[view.board]
                 good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))

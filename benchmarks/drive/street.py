@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
-from cycab_sim.world.mesh import Mesh, MeshBuilder, placed
+from cycab_sim.world.mesh import Mesh, MeshBuilder, Rectangle, placed
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground
-from cycab_sim.world.town import Rectangle, add_on_pavement, add_skyline
+from cycab_sim.world.town import add_on_pavement, add_skyline
 from sphere_nav.geometry.arrays import Array
 
 BEYOND = 60.0  # of the road before its beginning and behind its end, m
@@ -45,14 +45,13 @@ def place_beside(path: Path, along: float, left: float, yaw: float = 0.0, height
 @lru_cache(maxsize=1)
 def build_road(seed: int, middle: Path, bounds: Rectangle) -> Mesh:
     """Return the street of a seed along its middle."""
-    rng = np.random.default_rng([seed, 65])
-    mesh = MeshBuilder(rng)
+    mesh = MeshBuilder(np.random.default_rng([seed, 65]))
     add_ground(mesh, bounds)
     for side in (1.0, -1.0):  # left, right
         _add_pavement(mesh, middle, side)
-        _add_houses(mesh, middle, side, rng)
-        _furnish(mesh, middle, side, rng)
-    add_skyline(mesh, bounds, rng)
+        _add_houses(mesh, middle, side)
+        _furnish(mesh, middle, side)
+    add_skyline(mesh, bounds)
     return mesh.build()
 
 
@@ -64,22 +63,22 @@ def _add_pavement(mesh: MeshBuilder, middle: Path, side: float) -> None:
         mesh.panels([quad if side > 0 else quad[::-1]], finishes.PAVING)
 
 
-def _add_houses(mesh: MeshBuilder, middle: Path, side: float, rng: np.random.Generator) -> None:
-    s = -BEYOND
+def _add_houses(mesh: MeshBuilder, middle: Path, side: float) -> None:
+    s, rng = -BEYOND, mesh.rng
     while s < middle.length + BEYOND:
         width, back = rng.uniform(6.5, 10.0), rng.uniform(0.1, 0.5)
         bend = float(middle.at(s)[3]) if 0.0 <= s <= middle.length else 0.0
         way = width / (1.0 - bend * side * WALL)  # along the middle
         corner, yaw = (s, 0.5 * bend * way) if side > 0 else (s + way, np.pi - 0.5 * bend * way)
         at = place_beside(middle, corner, side * (WALL + back), yaw, KERB_HEIGHT)
-        add_house(mesh.within(at), width, DEEP, int(rng.integers(2, 5)), rng)
+        add_house(mesh.within(at), width, DEEP, int(rng.integers(2, 5)))
         s += way + (rng.uniform(2.0, 5.0) if rng.random() < 0.2 else 0.0)
 
 
-def _furnish(mesh: MeshBuilder, middle: Path, side: float, rng: np.random.Generator) -> None:
-    yaw = 0.0 if side > 0 else np.pi
+def _furnish(mesh: MeshBuilder, middle: Path, side: float) -> None:
+    yaw, rng = 0.0 if side > 0 else np.pi, mesh.rng
     for s in np.arange(-BEYOND + rng.uniform(0.0, NEXT), middle.length + BEYOND, NEXT):
-        add_on_pavement(mesh.within(place_beside(middle, s, side * HALF_ROAD, yaw, KERB_HEIGHT)), rng)
+        add_on_pavement(mesh.within(place_beside(middle, s, side * HALF_ROAD, yaw, KERB_HEIGHT)))
         if side > 0 and rng.random() < 0.4:
             kerb = mesh.clutter(is_parked=True).within(place_beside(middle, s, HALF_ROAD, yaw))
-            furniture.add_car(kerb.at(0.0, -1.05), rng)
+            furniture.add_car(kerb.at(0.0, -1.05))

@@ -19,6 +19,7 @@ FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more 
 DIRECTION, FAR, MASK = 4, 8, 9  # fields of the ray (org x, y, z and near come first)
 PRIMITIVE, GEOMETRY = 17, 18  # fields of the hit (normal and u, v come first)
 NONE = 0xFFFFFFFF
+LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
 
 
 class PacketFunction(types.WrapperAddressProtocol):
@@ -45,12 +46,10 @@ def cast_packets(intersect, scene, arguments, origins, rays, first_number, trian
     with NaN meet nothing.
     """
     store = np.empty((FIELDS + 3) * LANES, np.float32)
-    skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # packets are aligned
-    floats = store[skip : skip + FIELDS * LANES].reshape(FIELDS, LANES)
+    skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # which rays are used, and the packet behind, are aligned
+    is_used = store[skip : skip + LANES].view(np.int32)
+    floats = store[skip + LANES : skip + (FIELDS + 1) * LANES].reshape(FIELDS, LANES)
     words = floats.view(np.uint32)
-    flags = np.empty(4 * LANES, np.int32)
-    skip = ((64 - (flags.ctypes.data & 63)) & 63) // 4
-    is_used = flags[skip : skip + LANES]
     num = rays.shape[0]
     words[:] = 0
     for first in range(0, num, LANES):
@@ -173,16 +172,8 @@ def _nearest_ray(rays, v, u, dv, du):
 
 
 @njit(cache=True)
-def erase_shadows(windows, still, shadow):
-    """Restore the texels (first column, first row, last column, last row) (T, 4) i32 of `shadow` from `still`."""
-    for t in range(windows.shape[0]):
-        rows, columns = slice(windows[t, 1], windows[t, 3] + 1), slice(windows[t, 0], windows[t, 2] + 1)
-        shadow[rows, columns] = still[rows, columns]
-
-
-@njit(cache=True)
-def cast_shadows(triangles, T_sun_world, corner, texel, windows, shadow):
-    """Draw triangles (T, 3, 3) f32 into a shadow map (K, K) f32 by the nearest depth, and note where: windows (T, 4).
+def cast_shadows(triangles, T_sun_world, corner, texel, shadow):
+    """Draw triangles (T, 3, 3) f32 into a shadow map (K, K) f32 by the nearest depth.
 
     T_sun_world (3, 3), corner (2,) m, texel m: see `light`
     """
@@ -192,15 +183,11 @@ def cast_shadows(triangles, T_sun_world, corner, texel, windows, shadow):
             for r in range(3):
                 points[k, r] = along(T_sun_world, r, triangles[t, k])
             points[k, 0], points[k, 1] = (points[k, 0] - corner[0]) / texel, (points[k, 1] - corner[1]) / texel
-        for r in range(2):
-            low, high = points[:, r].min() - FRINGE, points[:, r].max() + FRINGE
-            windows[t, r] = max(0, math.ceil(low)) if low < shadow.shape[0] else shadow.shape[0]
-            windows[t, r + 2] = min(shadow.shape[0] - 1, math.floor(high)) if high >= 0.0 else -1
-        _draw_shadow(points, windows[t], shadow)
+        _draw_shadow(points, shadow)
 
 
 @njit(cache=True)
-def _draw_shadow(p, window, shadow):
+def _draw_shadow(p, shadow):
     """Draw one triangle (3, 3): column, row, depth."""
     ax, ay = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1]
     bx, by = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1]
@@ -212,14 +199,20 @@ def _draw_shadow(p, window, shadow):
     slack_2 = FRINGE * math.sqrt(ax * ax + ay * ay) / abs(area)
     slack_0 = FRINGE * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2) / abs(area)
     low, high = min(p[0, 2], p[1, 2], p[2, 2]), max(p[0, 2], p[1, 2], p[2, 2])
-    for j in range(window[1], window[3] + 1):
-        for i in range(window[0], window[2] + 1):
+    for j in _texels(p[:, 1], shadow.shape[0]):
+        for i in _texels(p[:, 0], shadow.shape[1]):
             x, y = i - p[0, 0], j - p[0, 1]
             s, t = (x * by - y * bx) / area, (ax * y - ay * x) / area
             if s < -slack_1 or t < -slack_2 or 1.0 - s - t < -slack_0:
                 continue
             depth = p[0, 2] + s * (p[1, 2] - p[0, 2]) + t * (p[2, 2] - p[0, 2])
             shadow[j, i] = min(shadow[j, i], np.float32(min(max(depth, low), high)))
+
+
+@njit(cache=True)
+def _texels(x, size):
+    """Return the rows, or the columns, that a triangle and its fringe cover."""
+    return range(max(0, math.ceil(x.min() - FRINGE)), min(size - 1, math.floor(x.max() + FRINGE)) + 1)
 
 
 @njit(cache=True, nogil=True)
@@ -296,7 +289,7 @@ def tone(color, gain, curve, image):
             x = min(max(gain[c] * color[n, c], 0.0), 1.0) * last
             k = min(int(x), last - 1)
             level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
-            luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))
+            luma += level * LUMA[c]
             if image.shape[1] == 3:
                 image[n, c] = level
         if image.shape[1] == 1:

@@ -19,9 +19,9 @@ from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import MovingScene, PacketScene
 from cycab_sim.rendering.shadows import ShadowMap
-from cycab_sim.rendering.sky import SkyLight, light_at
+from cycab_sim.rendering.sky import light_at
 from cycab_sim.rendering.weather import SHELTER_TEXEL, PixelView, Weather
-from cycab_sim.world.mesh import Mesh
+from cycab_sim.world.mesh import Mesh, Rectangle
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.traffic import Traffic
@@ -51,14 +51,13 @@ MAX_CAMERAS = 16  # lenses whose rays are kept
 NO_HIT = -1
 MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
 LEAVE = 0.01  # a mirrored ray begins so far from the ground, m
-SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
 
 
 class Renderer:
     """Draws a mesh from any camera; holds the ray caster and the shadow map.
 
     `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
-    num_threads share an image, 0: one a core. `torch` is where the head lamp of `light` is, x along its beam.
+    `torch` is where the head lamp is, x along its beam; the sun of `light` stands still, its brightness may change.
     """
 
     def __init__(
@@ -67,8 +66,7 @@ class Renderer:
         params: RenderParams,
         light: LightParams,
         traffic: Traffic | None = None,
-        bounds: tuple[float, float, float, float] | None = None,
-        num_threads: int = 0,
+        bounds: Rectangle | None = None,
         season: SeasonParams | None = None,
     ) -> None:
         self.params = params
@@ -76,24 +74,16 @@ class Renderer:
         self._scene = PacketScene(mesh.triangles)
         self._moving = MovingScene(mesh, traffic) if traffic is not None else None
         self.mesh = self._moving.mesh if self._moving is not None else mesh
-        self._pool = ThreadPoolExecutor(max_workers=num_threads or os.cpu_count() or 1)
-        self._light = light
+        self._pool = ThreadPoolExecutor(max_workers=os.cpu_count() or 1)
+        self._exposure = light.exposure
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
         (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
         shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
-        self._now = light_at(light, 0.0, 0)
-        self._shadows = ShadowMap(self._scene, shadow, self._now.sun, middle, self._pool)
+        self.light = light_at(light, 0.0, 0)
+        self._shadows = ShadowMap(self._scene, shadow, self.light.sun, middle, self._pool)
         shelter = extent, max(SHELTER_TEXEL, texel)
         roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle, self._pool)
-        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams(), roof)
-
-    def illuminate(self, light: SkyLight) -> None:
-        """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
-        self._now = light
-        if float(light.sun @ self._shadows.sun) < np.cos(SUN_STEP):
-            self._shadows.turn(light.sun)
-            if self._moving is not None:
-                self._shadows.draw(self._moving.triangles)
+        self._weather = Weather(self.mesh, light, season or SeasonParams(), roof)
 
     def move(self, T_world_part: Array) -> None:
         """Put the traffic where it is now, T_world_part (P, 4, 4) of `Traffic.poses`."""
@@ -120,7 +110,7 @@ class Renderer:
         if self.params.supersampling > 1:
             self._refine(rays, hits, color)
         image = np.empty((height * width, 1 if is_gray else 3), np.float32)
-        gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
+        gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._exposure, 3).copy()
         kernels.tone(color, gains, self._curve, image)
         image[hits.triangles == kernels.OUTSIDE] = 0.0
         ranges = hits.ranges.reshape(height, width)
@@ -154,8 +144,8 @@ class Renderer:
         return triangles, ranges
 
     def _shade(self, view: PixelView, depths: Floats, color: Floats, is_mirror: bool = False) -> None:
-        m, s, now = self.mesh, self._shadows, self._now
-        lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
+        m, s, now = self.mesh, self._shadows, self.light
+        lamps = now.sun, now.sun_color, now.sky_color, now.sky_gain
         _paint_rays(m, view, color)
         self._weather.change(view, now, color)
         albedo = color.copy() if self._weather.has_lamps else color
@@ -209,7 +199,7 @@ def lens_rays(camera: Camera) -> tuple[Floats, Floats]:
     return rays.astype(np.float32), _spacing(rays)
 
 
-def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> tuple[float, float]:
+def _shadow_square(params: RenderParams, bounds: Rectangle | None) -> tuple[float, float]:
     """Return how far shadows reach, as far as the bounds x0, y0, x1, y1 m, and their texel, as fine as is possible."""
     if bounds is None:
         return params.shadow_extent, params.shadow_texel
@@ -217,7 +207,7 @@ def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, floa
     return extent, max(params.shadow_texel, extent / MAX_TEXELS)
 
 
-def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> Array:
+def _middle(mesh: Mesh, bounds: Rectangle | None) -> Array:
     """Return the middle (3,) m on the ground of the bounds, or of the detailed part of a mesh."""
     if bounds is not None:
         return np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])

@@ -18,8 +18,7 @@ class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
     It covers a square of (side m, texel m) around `center` (3,) m; of a texel of 0 nothing casts a shadow. What moves
-    is drawn over what stands still.
-    The map holds for the unit vector `sun` (3,) towards the sun; `turn` puts the sun elsewhere.
+    is drawn over what stands still. `sun`: the unit vector (3,) towards the sun.
     """
 
     def __init__(
@@ -35,18 +34,11 @@ class ShadowMap:
         self.texel = texel if self.has_shadows else 1.0
         self._size = int(extent / self.texel) if self.has_shadows else 2
         self._scene, self._center, self._pool = scene, center, pool
-        self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()
-        self.turn(sun)
-
-    def turn(self, sun: Array) -> None:
-        """Put the sun elsewhere, by the unit vector (3,) towards it; what moves has to be drawn again."""
-        self.sun = sun
         self.T_sun_world = _shadow_frame(sun)
-        self.corner = self.T_sun_world[:2] @ self._center - 0.5 * self._size * self.texel * self.has_shadows
+        self.corner = self.T_sun_world[:2] @ center - 0.5 * self._size * self.texel * self.has_shadows
         self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
         self._drawn: Floats | None = None
-        self._windows = np.zeros((0, 4), np.int32)
 
     @property
     def still(self) -> Floats:
@@ -69,10 +61,9 @@ class ShadowMap:
         if not self.has_shadows:
             return
         if self._drawn is None:
-            self._drawn = self.still.copy()
-        kernels.erase_shadows(self._windows, self.still, self._drawn)
-        self._windows = np.empty((len(triangles), 4), np.int32)
-        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._windows, self._drawn)
+            self._drawn = np.empty_like(self.still)
+        np.copyto(self._drawn, self.still)
+        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._drawn)
 
     def _cast(self) -> Floats:
         R, texel, size, corner = self.T_sun_world, self.texel, self._size, self.corner

@@ -35,19 +35,14 @@ class SkyLight:
     sky_gain: float
 
 
-def is_constant(params: LightParams) -> bool:
-    """Whether the light never changes."""
-    return params.clouds == 0.0 and (not params.has_hour or params.hour_rate == 0.0)
-
-
 def light_at(params: LightParams, seconds: float, seed: int) -> SkyLight:
-    """Return the light after a time."""
+    """Return the light after a time: the sun stands still, clouds pass."""
     if not params.has_hour:
         azimuth, elevation = np.radians(params.sun_deg)
         red, share = np.ones(3), 1.0
     else:
         day, hour = params.day_and_hour
-        azimuth, true_elevation = sun_angles(hour + params.hour_rate * seconds, declination(day))
+        azimuth, true_elevation = sun_angles(hour, declination(day))
         elevation = max(true_elevation, LOWEST)  # of the shadows
         above = float(np.clip(true_elevation / FADE + 0.5, 0.0, 1.0))
         red = np.exp(-HAZE * (_air(max(true_elevation, 0.0)) - _air(USUAL))) * above

@@ -95,18 +95,18 @@ class Lamp:
 
 
 class Weather:
-    """Wet ground, snow, clouds and lamps of a mesh, of which the first surfaces are those of `still`.
+    """Wet ground, snow, clouds and lamps of a mesh.
 
     `roof`: what is above something, as a shadow map with the sun overhead.
     """
 
-    def __init__(self, mesh: Mesh, still: Mesh, light: LightParams, season: SeasonParams, roof: ShadowMap) -> None:
+    def __init__(self, mesh: Mesh, light: LightParams, season: SeasonParams, roof: ShadowMap) -> None:
         self.mesh, self.light, self.season, self._roof = mesh, light, season, roof
         if season.wet or season.snow:
             _ = roof.still  # cast now, not from within the pool
         self._wear = np.ones(max(k.FACADE, *WORN) + 1, np.float32)
         self._wear[list(WORN)] = list(WORN.values())
-        self._glow = _find_glow(still) if light.has_street_lamps else None
+        self._glow = _find_glow(mesh) if light.has_street_lamps else None
 
     @property
     def has_lamps(self) -> bool:
@@ -152,9 +152,8 @@ class Weather:
             light += BOUNCE * WARM
         light *= albedo[hit]
         if self._glow is not None:
-            glow = np.where(surfaces < len(self._glow), self._glow[np.minimum(surfaces, len(self._glow) - 1)], 0.0)
             pane = np.clip(1.0 - 2.5 * albedo[hit].mean(axis=1), 0.1, 1.0)  # the glass shines, its frame does not
-            light += (glow * pane)[:, None] * WARM
+            light += (self._glow[surfaces] * pane)[:, None] * WARM
         color[hit] += light / np.float32(UNIT)
 
     def mirror(self, view: PixelView, color: Floats, look: Look) -> None:

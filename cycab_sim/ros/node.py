@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -117,10 +117,10 @@ class CycabSim(ManagedNode):
 
     def on_resume(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Let time go on after a pause."""
-        response.success = self.is_paused
-        response.message = "" if self.is_paused else "nothing to resume: time is not paused"
-        if self.is_paused:
-            self.runner.resumed.set()
+        if not self.is_paused:
+            raise ValueError("nothing to resume: time is not paused")
+        self.runner.resumed.set()
+        response.success = True
         return response
 
     def _publish_clock(self, now: int) -> None:
@@ -135,38 +135,28 @@ class CycabSim(ManagedNode):
             self.taught.publish(Bool(data=True))
 
     def on_teleport(self, request: Any, response: Any) -> Any:
-        """Put the car elsewhere."""
-
-        def move() -> None:
-            T_world_base = conversions.pose_to_se3(request.pose)
-            x, y, _ = T_world_base.translation.tolist()
+        """Put the car elsewhere, between two steps."""
+        T_world_base = conversions.pose_to_se3(request.pose)
+        x, y, _ = T_world_base.translation.tolist()
+        with self.runner.lock:
             self.simulator.teleport(x, y, float(T_world_base.yaw), request.speed)
-
-        return self.answer(response, move)
-
-    def on_set_fault(self, request: Any, response: Any) -> Any:
-        """Clear faults, add one, and answer with those in force."""
-        faults, wanted = self.simulator.faults, request.fault
-
-        def change() -> None:
-            if request.clear:
-                faults.clear()
-            if wanted.kind:
-                now = self.simulator.time_ns
-                faults.add(wanted.target, wanted.kind, wanted.magnitude, wanted.start, wanted.duration, now)
-
-        response = self.answer(response, change)
-        response.active = [SimulationFault(**fault) for fault in faults.described(self.simulator.time_ns)]
+        response.success = True
         return response
 
-    def answer(self, response: Any, action: Callable[[], None]) -> Any:
-        """Do something to the simulator between two steps; a ValueError is the answer."""
+    def on_set_fault(self, request: Any, response: Any) -> Any:
+        """Clear faults, add one, between two steps, and answer with those in force."""
+        faults, wanted = self.simulator.faults, request.fault
         with self.runner.lock:
+            now = self.simulator.time_ns
+            if request.clear:
+                faults.clear()
             try:
-                action()
+                if wanted.kind:
+                    faults.add(wanted.target, wanted.kind, wanted.magnitude, wanted.start, wanted.duration, now)
                 response.success = True
             except ValueError as error:
                 response.message = str(error)
+        response.active = [SimulationFault(**fault) for fault in faults.described(now)]
         return response
 
 

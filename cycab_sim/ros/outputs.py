@@ -130,7 +130,7 @@ class Outputs:
 
     def _publish_scan(self, now: int) -> None:
         angles, p = self.simulator.scanner.angles, self.simulator.scanner.model
-        message = LaserScan(header=conversions.header(now, SCAN), ranges=self.simulator.scan().ranges.tolist())
+        message = LaserScan(header=conversions.header(now, SCAN), ranges=self.simulator.scan().tolist())
         message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
         message.angle_increment, message.scan_time = float(angles[1] - angles[0]), self.simulator.params.scan.period
         message.range_min, message.range_max = p.min_range, p.max_range

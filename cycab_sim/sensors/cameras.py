@@ -74,18 +74,16 @@ def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center 
         raise ValueError(f"{name}.view_deg: expected at most {MAX_PINHOLE_DEG} of a pinhole, found {params.view_deg}")
     f = focal_length(params) * scale
     center = ((width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1])
-    half = math.radians(params.view_deg) / 2
     if params.model == "pinhole":
         pinhole = Pinhole(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
-        is_good, limit = math.tan(half) <= pinhole.max_radius, 2 * math.atan(pinhole.max_radius)
         camera: Camera = pinhole
+        limit = 2 * math.degrees(math.atan(pinhole.max_radius))
     else:
         camera = fisheye = Fisheye(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
-        is_good, limit = half <= fisheye.max_angle, 2 * fisheye.max_angle
-    if not is_good or f <= 0.0:
-        raise ValueError(
-            f"{name}.view_deg: expected at most {math.degrees(limit):.0f} with this distortion, found {params.view_deg}"
-        )
+        limit = 2 * math.degrees(fisheye.max_angle)
+    if params.view_deg > limit or f <= 0.0:
+        expected = f"expected at most {limit:.0f} with this distortion"
+        raise ValueError(f"{name}.view_deg: {expected}, found {params.view_deg}")
     return camera
 
 

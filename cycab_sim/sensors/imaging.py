@@ -32,7 +32,6 @@ class RenderedFrame:
     range_m: Floats
     camera: Camera
     stamp_ns: int
-    index: int
     range_std_m: None = None  # the range is exact
 
 
@@ -64,7 +63,7 @@ class CameraArray:
         """Return image number `index` of a camera, noise and faults included; `drawn`: what `look` has returned."""
         mount, imaging = self.mounts[name], self.mounts[name].imaging
         if self._faults.magnitude(name, "stuck", now_ns) is not None and name in self._last:
-            return replace(self._last[name], stamp_ns=now_ns, index=index)
+            return replace(self._last[name], stamp_ns=now_ns)
         levels, range_m = drawn or self.look(name, now_ns)
         if imaging.vignetting > 0.0:
             fall = vignette(mount.camera, imaging.vignetting)
@@ -74,7 +73,7 @@ class CameraArray:
         noise = float(np.hypot(imaging.noise * mount.noise, self._faults.magnitude(name, "noise", now_ns) or 0.0))
         shot_noise = imaging.noise**2 * mount.shot_noise  # a variance
         image = expose(levels, noise, shot_noise, seed, self._faults.magnitude(name, "bias", now_ns) or 0.0)
-        self._last[name] = RenderedFrame(image, range_m, mount.camera, now_ns, index)
+        self._last[name] = RenderedFrame(image, range_m, mount.camera, now_ns)
         return self._last[name]
 
     def capture_together(self, names: Sequence[str], index: int, now_ns: int) -> dict[str, RenderedFrame]:

@@ -42,7 +42,6 @@ class ImuReading:
     acceleration: Array
     angular_rate: Array
     T_world_imu: SE3
-    stamp_ns: int
 
 
 class Imu:
@@ -74,7 +73,7 @@ class Imu:
         """Take the next step as the first: the car was put elsewhere, which no IMU would survive."""
         self._velocity = None
 
-    def read(self, T_world_base: SE3, index: int, stamp_ns: int) -> ImuReading:
+    def read(self, T_world_base: SE3, index: int) -> ImuReading:
         """Return reading number `index`, for the true pose of the car at this instant."""
         p = self.errors
         noise = np.random.default_rng([self._seed, index, 29]).standard_normal((3, 3))
@@ -84,4 +83,4 @@ class Imu:
         measured = turn @ SE3.from_parts(true.rotation, np.zeros(3)) @ SE3.exp(np.concatenate([np.zeros(3), tilt]))
         force = self._force + self._biases[0] + p.acceleration_noise * noise[0]
         rate = self._rate + self._biases[1] + p.rate_noise * noise[1]
-        return ImuReading(force, rate, measured, stamp_ns)
+        return ImuReading(force, rate, measured)

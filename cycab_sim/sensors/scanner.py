@@ -25,14 +25,6 @@ class ScannerModel:
     z: float = 0.6  # height above the ground, m
 
 
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """Ranges (N,) f32 m of one instant: +Inf where nothing is within reach, -Inf where it is too close (REP 117)."""
-
-    ranges: Floats
-    stamp_ns: int
-
-
 class Scanner:
     """Looks along `num_rays` directions, counter-clockwise, both ends included."""
 
@@ -43,8 +35,11 @@ class Scanner:
         self._rays = np.stack([np.cos(self.angles), np.sin(self.angles), np.zeros(p.num_rays)], axis=1)
         self._seed = seed
 
-    def scan(self, measure: Callable[[Array, Floats], Floats], T_world_base: SE3, index: int, stamp_ns: int) -> Scan:
-        """Return scan number `index`; `measure(origin (3,), rays (N, 3))` gives true ranges (N,), see Renderer."""
+    def scan(self, measure: Callable[[Array, Floats], Floats], T_world_base: SE3, index: int) -> Floats:
+        """Return the ranges (N,) m of scan number `index`: +Inf: nothing within reach, -Inf: too close (REP 117).
+
+        `measure(origin (3,), rays (N, 3))` gives true ranges (N,), see Renderer.
+        """
         p = self.model
         T_world_scan = T_world_base @ self.T_base_scan
         rays = (self._rays @ T_world_scan.rotation.T).astype(np.float32)
@@ -53,4 +48,4 @@ class Scanner:
         ranges = ranges + np.float32(p.noise) * noise
         ranges[ranges > p.max_range] = np.inf
         ranges[ranges < p.min_range] = -np.inf
-        return Scan(ranges, stamp_ns)
+        return ranges

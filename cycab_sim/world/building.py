@@ -11,7 +11,7 @@ import numpy as np
 
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
-from cycab_sim.world.mesh import Finish, MeshBuilder, upright
+from cycab_sim.world.mesh import REVEAL, Finish, MeshBuilder, Rectangle, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -48,35 +48,34 @@ def _random_style(rng: np.random.Generator) -> Style:
     )
 
 
-def add_house(mesh: MeshBuilder, width: float, depth: float, storeys: int, rng: np.random.Generator) -> None:
+def add_house(mesh: MeshBuilder, width: float, depth: float, storeys: int) -> None:
     """Add a house; its lower left front corner is the origin, x along the front, y into the house."""
+    rng = mesh.rng
     style = _random_style(rng)
     height = GROUND_STOREY + (storeys - 1) * style.storey + 0.5
-    _add_front(mesh, width, height, storeys, style, rng)
+    _add_front(mesh, width, height, storeys, style)
     for x, y, turn, length in ((width, 0.0, 90, depth), (width, depth, 180, width), (0.0, depth, 270, depth)):
-        _add_plain_wall(mesh.at(x, y, np.radians(turn)), length, height, style, rng)
+        _add_plain_wall(mesh.at(x, y, np.radians(turn)), length, height, style)
     add_roof = _add_gable_roof if rng.random() < 0.6 else _add_flat_roof
-    add_roof(mesh, (width, depth, height), style.wall, rng)
+    add_roof(mesh, (width, depth, height), style.wall)
 
 
-def _add_front(
-    mesh: MeshBuilder, width: float, height: float, storeys: int, style: Style, rng: np.random.Generator
-) -> None:
+def _add_front(mesh: MeshBuilder, width: float, height: float, storeys: int, style: Style) -> None:
     num_bays = max(1, int(width / style.bay))
     centers, half = (np.arange(num_bays) + 0.5) * width / num_bays, style.window[0] / 2
     shop = (0.4 * width / num_bays, 0.45) if style.is_shop else (half, 0.95)
-    door = int(rng.integers(num_bays))
-    _add_openings(mesh, width, GROUND_STOREY, centers, shop[0], [(shop[1], 2.7)], style, rng, door)
+    door = int(mesh.rng.integers(num_bays))
+    _add_openings(mesh, width, GROUND_STOREY, centers, shop[0], [(shop[1], 2.7)], style, door)
     upper = GROUND_STOREY + np.arange(storeys - 1) * style.storey + 0.8
     rows = [(low - GROUND_STOREY, low + style.window[1] - GROUND_STOREY) for low in upper]
     above = mesh.at(0.0, 0.0, 0.0, GROUND_STOREY)
-    _add_openings(above, width, height - GROUND_STOREY, centers, half, rows, style, rng, None)
-    _add_trims(mesh, width, height, storeys, style, rng)
+    _add_openings(above, width, height - GROUND_STOREY, centers, half, rows, style)
+    _add_trims(mesh, width, height, storeys, style)
 
 
 def _add_openings(
     mesh: MeshBuilder, width: float, height: float, centers: Array, half: float,
-    rows: list[tuple[float, float]], style: Style, rng: np.random.Generator, door: int | None,
+    rows: list[tuple[float, float]], style: Style, door: int = -1,
 ) -> None:  # fmt: skip
     """Add a wall with a grid of windows of `half` their width, one of them replaced by a door in the lowest row."""
     left, right = centers - half, centers + half
@@ -85,39 +84,30 @@ def _add_openings(
     solid = []
     for i in range(len(x) - 1):
         for j in range(len(z) - 1):
-            is_window = i % 2 == 1 and j % 2 == 1
-            is_below_door = door is not None and i == 2 * door + 1 and j == 0
-            if not is_window and not is_below_door:
+            is_hole = j % 2 == 1 or (j == 0 and i == 2 * door + 1)  # a window, or the door down to the ground
+            if i % 2 == 0 or not is_hole:
                 solid.append(upright(x[i], x[i + 1], z[j], z[j + 1], 0.0))
     mesh.sheet(solid, style.wall, [[0, 0, 0], [1, 0, 0], [0, 0, 1]])
     for j, (low, high) in enumerate(rows):
         for i in range(len(left)):
             is_door = j == 0 and i == door
-            _add_opening(mesh, (left[i], right[i], 0.0 if is_door else low, high), style, rng, is_door)
+            _add_opening(mesh, (left[i], right[i], 0.0 if is_door else low, high), style, is_door)
 
 
 def _add_opening(
     mesh: MeshBuilder,
-    hole: tuple[float, float, float, float],
+    hole: Rectangle,
     style: Style,
-    rng: np.random.Generator,
     is_door: bool,
 ) -> None:
     """Add the reveal, pane or door, sill and shutters of a hole (x0, x1, z0, z1)."""
     x0, x1, z0, z1 = hole
     r = style.reveal
-    reveal = [
-        [[x0, 0, z0], [x1, 0, z0], [x1, r, z0], [x0, r, z0]],
-        [[x0, r, z1], [x1, r, z1], [x1, 0, z1], [x0, 0, z1]],
-        [[x0, 0, z0], [x0, r, z0], [x0, r, z1], [x0, 0, z1]],
-        [[x1, r, z0], [x1, 0, z0], [x1, 0, z1], [x1, r, z1]],
-    ]
-    mesh.panels(reveal, finishes.TRIM)
     w, h = x1 - x0, z1 - z0
+    mesh.panels([x0, 0.0, z0] + REVEAL * [w, r, h], finishes.TRIM)
     leaf = Finish(k.WOOD, style.frame, finishes.darker(style.frame, 0.4), (0.14, w, h))
-    pane = (
-        leaf if is_door else finishes.window(w, h, style.frame, rng, across=2 if w < 1.6 else 3, up=2 if h < 1.8 else 3)
-    )
+    across, up = 2 if w < 1.6 else 3, 2 if h < 1.8 else 3
+    pane = leaf if is_door else finishes.window(w, h, style.frame, mesh.rng, across, up)
     mesh.panels(upright(x0, x1, z0, z1, r), pane)
     mesh.box([x0 - 0.08, -0.05, z1], [w + 0.16, 0.06, 0.14], finishes.TRIM)
     if is_door:
@@ -129,9 +119,8 @@ def _add_opening(
             mesh.box([x, -0.045, z0], [w / 2, 0.045, h], finishes.slats(style.shutter, 0.07))
 
 
-def _add_trims(
-    mesh: MeshBuilder, width: float, height: float, storeys: int, style: Style, rng: np.random.Generator
-) -> None:
+def _add_trims(mesh: MeshBuilder, width: float, height: float, storeys: int, style: Style) -> None:
+    rng = mesh.rng
     mesh.box([-0.1, -0.3, height - 0.25], [width + 0.2, 0.3, 0.25], finishes.TRIM)
     mesh.box([0.03, -0.11, 0.0], [0.1, 0.1, height - 0.25], finishes.METAL)
     if style.has_ledges:
@@ -158,8 +147,9 @@ def _add_awning(mesh: MeshBuilder, width: float, cloth: Finish) -> None:
     mesh.panels([slope, hem], cloth)
 
 
-def _add_plain_wall(mesh: MeshBuilder, width: float, height: float, style: Style, rng: np.random.Generator) -> None:
+def _add_plain_wall(mesh: MeshBuilder, width: float, height: float, style: Style) -> None:
     """Add a wall with few openings: pasted posters and a vent, no relief."""
+    rng = mesh.rng
     mesh.panels(upright(0.0, width, 0.0, height, 0.0), style.wall)
     for _ in range(int(width / 3.0)):
         w, h = rng.uniform(0.6, 1.6), rng.uniform(0.6, 1.4)
@@ -171,29 +161,21 @@ def _add_plain_wall(mesh: MeshBuilder, width: float, height: float, style: Style
         mesh.panels(upright(x, x + 0.9, z, z + 1.3, -0.02), finishes.window(0.9, 1.3, style.frame, rng))
 
 
-def _add_gable_roof(
-    mesh: MeshBuilder, size: tuple[float, float, float], wall: Finish, rng: np.random.Generator
-) -> None:
+def _add_gable_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: Finish) -> None:
+    rng = mesh.rng
     width, depth, height = size
     ridge = height + depth * rng.uniform(0.28, 0.42)
     tiles = Finish(k.ROOF, finishes.pick(rng, finishes.ROOFS), (0.16, 0.13, 0.10), (0.15,))
     middle, eave = depth / 2, -0.35
     drop = height - (ridge - height) / middle * 0.35
     front = [[-0.1, eave, drop], [width + 0.1, eave, drop], [width + 0.1, middle, ridge], [-0.1, middle, ridge]]
-    back = [
-        [width + 0.1, depth - eave, drop],
-        [-0.1, depth - eave, drop],
-        [-0.1, middle, ridge],
-        [width + 0.1, middle, ridge],
-    ]
-    mesh.panels([front, back], tiles)
     right = [[width, 0, height], [width, depth, height], [width, middle, ridge], [width, middle, ridge]]
-    left = [[0, depth, height], [0, 0, height], [0, middle, ridge], [0, middle, ridge]]
-    mesh.panels([right, left], wall)
-    _add_chimney(mesh, width, middle, ridge - 0.4, rng)
+    for side, finish in ((np.array(front), tiles), (np.array(right), wall)):
+        mesh.panels([side, [width, depth, 0.0] + side * [-1.0, -1.0, 1.0]], finish)  # and turned to the back
+    _add_chimney(mesh, width, middle, ridge - 0.4)
 
 
-def _add_flat_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: Finish, rng: np.random.Generator) -> None:
+def _add_flat_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: Finish) -> None:
     width, depth, height = size
     mesh.box([0, 0, height - 0.1], [width, depth, 0.1], finishes.ROOF_FLAT)
     for low, extent in (
@@ -203,10 +185,11 @@ def _add_flat_roof(mesh: MeshBuilder, size: tuple[float, float, float], wall: Fi
         ([width - 0.25, 0.25, height], [0.25, depth - 0.5, 0.6]),
     ):
         mesh.box(low, extent, wall)
-    _add_chimney(mesh, width, depth / 2, height, rng)
+    _add_chimney(mesh, width, depth / 2, height)
 
 
-def _add_chimney(mesh: MeshBuilder, width: float, y: float, z: float, rng: np.random.Generator) -> None:
+def _add_chimney(mesh: MeshBuilder, width: float, y: float, z: float) -> None:
+    rng = mesh.rng
     brick = Finish(k.BRICK, finishes.pick(rng, finishes.BRICKS), (0.46, 0.42, 0.36), (0.15, 0.23, 0.075, 0.012, 0.5))
     x = rng.uniform(0.5, width - 1.5)
     mesh.box([x, y - 0.3, z], [0.9, 0.6, 1.5], brick)

@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from cycab_sim.world import finishes, furniture
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, Rectangle, flat
 from cycab_sim.world.paths import Path, Piece, rounded, turn
 from cycab_sim.world.street import KERB_HEIGHT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
-from cycab_sim.world.town import Rectangle, add_houses, add_row, add_skyline, furnish, street_ends
+from cycab_sim.world.town import add_houses, add_row, add_skyline, furnish, street_ends
 
 BOUNDS: Rectangle = (-75.0, -80.0, 230.0, 150.0)
 SQUARE: Rectangle = (70.0, -45.0, 170.0, 55.0)
@@ -54,13 +54,12 @@ def tour() -> Path:
 @lru_cache(maxsize=1)
 def build_city(seed: int) -> Mesh:
     """Return the city of a seed."""
-    rng = np.random.default_rng([seed, 63])
-    mesh = MeshBuilder(rng)
+    mesh = MeshBuilder(np.random.default_rng([seed, 63]))
     add_ground(mesh, BOUNDS)
     for block, sides in BLOCKS:
         add_pavement(mesh, block)
-        add_houses(mesh, block, rng, sides)
-        furnish(mesh, block, rng, sides)
+        add_houses(mesh, block, sides)
+        furnish(mesh, block, sides)
     x0, y0, x1, y1 = BOUNDS
     east, north = SQUARE[2], np.pi / 2
     for place, length, crossings in (
@@ -71,16 +70,17 @@ def build_city(seed: int) -> Mesh:
         ((40.0, HALF, north), 110.0 - 2 * HALF, ()),
         ((150.0, y0, north), SQUARE[1] - y0, ()),
     ):
-        add_street(mesh.at(*place), length, crossings, rng, HALF)
-    _add_square(mesh, rng)
+        add_street(mesh.at(*place), length, crossings, HALF)
+    _add_square(mesh)
     _add_rails(mesh)
-    _close_views(mesh, rng)
-    add_skyline(mesh, BOUNDS, rng)
+    _close_views(mesh)
+    add_skyline(mesh, BOUNDS)
     return mesh.build()
 
 
-def _add_square(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def _add_square(mesh: MeshBuilder) -> None:
     """Add the flags of the square, and what stands around and upon it."""
+    rng = mesh.rng
     x0, y0, x1, y1 = SQUARE
     mesh.panels(flat(x0, y0, x1, y1, 0.008), FLAGS)
     for y in np.arange(y0 + 10.0, y1 - 5.0, 10.0):
@@ -88,21 +88,21 @@ def _add_square(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     for x in np.arange(x0 + 7.0, x1 - 5.0, 9.0):
         for y in (y0 + 5.0, y1 - 5.0):
             if abs(x - LANE_X) > 5.0 and not (y < 0.0 and abs(x - TRAM[0][0]) < 6.0):
-                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
-                furniture.add_bench(mesh.at(x + 4.5, y, np.pi / 2 if y < 0 else -np.pi / 2), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)))
+                furniture.add_bench(mesh.at(x + 4.5, y, np.pi / 2 if y < 0 else -np.pi / 2))
     for y in np.arange(y0 + 12.0, y1 - 10.0, 9.0):
         for x in (x0 + 5.0, x1 - 5.0):
             if abs(y) > 9.0:
-                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28)))
     for x, y in ((90.0, 8.0), (90.0, -8.0), (112.0, -14.0), (135.0, 8.0), (128.0, 30.0), (110.0, 46.0), (160.0, 6.0)):
-        furniture.add_lamp(mesh.at(x, y, rng.uniform(0, 6.28)), rng)
-    furniture.add_monument(mesh.at(98.0, 27.0, 0.6), rng)
-    furniture.add_kiosk(mesh.at(100.0, -26.0, 0.2), rng)
+        furniture.add_lamp(mesh.at(x, y, rng.uniform(0, 6.28)))
+    furniture.add_monument(mesh.at(98.0, 27.0, 0.6))
+    furniture.add_kiosk(mesh.at(100.0, -26.0, 0.2))
     for x, y, length, yaw in ((138.0, 20.0, 16.0, 0.0), (138.0, 32.0, 16.0, 0.0), (84.0, -20.0, 10.0, np.pi / 2)):
-        furniture.add_hedge(mesh.at(x, y, yaw), length, rng)
+        furniture.add_hedge(mesh.at(x, y, yaw), length)
     for _ in range(8):
         x, y = rng.uniform(84.0, 96.0), rng.uniform(-36.0, -32.0)
-        furniture.add_box(mesh.clutter().at(x, y, rng.uniform(0, 6.28)), rng)
+        furniture.add_box(mesh.clutter().at(x, y, rng.uniform(0, 6.28)))
 
 
 def _add_rails(mesh: MeshBuilder) -> None:
@@ -117,7 +117,7 @@ def _add_rails(mesh: MeshBuilder) -> None:
         mesh.panels(np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1), finishes.METAL)
 
 
-def _close_views(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def _close_views(mesh: MeshBuilder) -> None:
     """Close the ends of the streets by houses across."""
     for end in street_ends(mesh, BOUNDS, 10.0, (0.0, 110.0), (-20.0,), (-20.0, 150.0)):
-        add_row(end.at(-16.0, 0.0, 0.0, -KERB_HEIGHT), 32.0, 9.0, rng)
+        add_row(end.at(-16.0, 0.0, 0.0, -KERB_HEIGHT), 32.0, 9.0)

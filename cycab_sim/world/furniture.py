@@ -18,8 +18,9 @@ SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
 
 
-def add_car(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_car(mesh: MeshBuilder) -> None:
     """Add a parked car of about 4.2 m x 1.75 m x 1.5 m, its middle at the origin."""
+    rng = mesh.rng
     color = finishes.pick(rng, finishes.CARS)
     body = finishes.painted_metal(color, rng.uniform(0.9, 1.4))
     length, width, tall = rng.uniform(3.7, 4.4), rng.uniform(1.65, 1.78), rng.uniform(0.5, 0.75)
@@ -40,9 +41,9 @@ def add_car(mesh: MeshBuilder, rng: np.random.Generator) -> None:
             mesh.box([x, y, 0.60], [0.03, 0.30, 0.14], finishes.painted_metal((0.55, 0.12 if x < 0 else 0.5, 0.1)))
 
 
-def add_lamp(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_lamp(mesh: MeshBuilder) -> None:
     """Add a street lamp, 5 to 6 m high, its arm over the street (+x)."""
-    height = rng.uniform(4.8, 6.0)
+    height = mesh.rng.uniform(4.8, 6.0)
     add_prism(mesh, 0.10, 0.6, finishes.METAL)
     add_prism(mesh, 0.055, height, finishes.METAL)
     mesh.box([-0.03, -0.03, height - 0.08], [1.1, 0.06, 0.08], finishes.METAL)
@@ -50,21 +51,23 @@ def add_lamp(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     mesh.lamps.append(mesh.place([1.0, 0.0, height - 0.25]))
 
 
-def add_traffic_sign(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_traffic_sign(mesh: MeshBuilder) -> None:
     """Add a pole with one or two boards that look along +x and -x."""
+    rng = mesh.rng
     add_prism(mesh, 0.035, 2.9, finishes.METAL)
     for z in (2.2, 1.55)[: int(rng.integers(1, 3))]:
         mesh.box([-0.02, -0.3, z], [0.04, 0.6, 0.6], finishes.sign(0.6, 0.6, rng, int(rng.integers(1, 3))))
 
 
-def add_bollard(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_bollard(mesh: MeshBuilder) -> None:
     """Add a bollard with a painted head."""
     add_prism(mesh, 0.07, 0.85, finishes.METAL)
-    add_prism(mesh.at(0, 0, 0, 0.85), 0.085, 0.12, finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK)))
+    add_prism(mesh.at(0, 0, 0, 0.85), 0.085, 0.12, finishes.painted_metal(finishes.pick(mesh.rng, finishes.WOODWORK)))
 
 
-def add_box(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_box(mesh: MeshBuilder) -> None:
     """Add a bin, a switch cabinet or a stack of crates."""
+    rng = mesh.rng
     kind = rng.random()
     if kind < 0.4:
         mesh.box([-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK), 0.6))
@@ -81,17 +84,18 @@ def add_box(mesh: MeshBuilder, rng: np.random.Generator) -> None:
             crate.box([-0.3, -0.4, 0.0], [0.6, 0.8, 0.39], finishes.slats((0.36, 0.25, 0.14), 0.13))
 
 
-def add_bench(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_bench(mesh: MeshBuilder) -> None:
     """Add a bench that looks along +x."""
-    wood = finishes.slats(finishes.pick(rng, finishes.WOODWORK[2:4]), 0.1)
+    wood = finishes.slats(finishes.pick(mesh.rng, finishes.WOODWORK[2:4]), 0.1)
     mesh.box([-0.2, -0.8, 0.40], [0.42, 1.6, 0.06], wood)
     mesh.box([-0.26, -0.8, 0.55], [0.05, 1.6, 0.40], wood)
     for y in (-0.65, 0.6):
         mesh.box([-0.25, y, 0.0], [0.4, 0.06, 0.42], finishes.METAL)
 
 
-def add_tree(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_tree(mesh: MeshBuilder) -> None:
     """Add a tree of 4.5 to 7.5 m: trunk, branches and a crown of rough lumps."""
+    rng = mesh.rng
     height, leaves = rng.uniform(4.5, 7.5), finishes.foliage(rng)
     trunk = 0.45 * height
     add_prism(mesh, rng.uniform(0.11, 0.19), trunk + 0.5, finishes.BARK, is_solid=True)
@@ -99,11 +103,12 @@ def add_tree(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     for _ in range(int(rng.integers(6, 10))):
         spread, radius = 0.17 * height, rng.uniform(0.11, 0.19) * height
         center = np.array([*rng.normal(0.0, 0.55 * spread, 2), trunk + 0.5 + rng.uniform(0.0, 0.40) * height])
-        add_lump(mesh, center, radius, leaves, rng)
+        add_lump(mesh, center, radius, leaves)
 
 
-def add_hedge(mesh: MeshBuilder, length: float, rng: np.random.Generator) -> None:
+def add_hedge(mesh: MeshBuilder, length: float) -> None:
     """Add a clipped hedge of 0.8 m x 1.1 m along x from the origin: a dense heart and small leaves all over it."""
+    rng = mesh.rng
     leaves, size = finishes.foliage(rng), np.array([length, 0.7, 1.05])
     heart = BOX_FACES * (size - [0.1, 0.1, 0.05]) + [0.05, -0.3, 0.0]
     middles = rng.uniform(0.0, 1.0, (int(LEAVES * length), 1, 3))
@@ -114,14 +119,14 @@ def add_hedge(mesh: MeshBuilder, length: float, rng: np.random.Generator) -> Non
     mesh.solid(np.concatenate([halved(heart), sprays]), leaves)
 
 
-def add_monument(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_monument(mesh: MeshBuilder) -> None:
     """Add a rider of stone on a pedestal with steps, 6 m high."""
     stone = finishes.TRIM
     for i, half in enumerate((2.6, 2.2, 1.8)):
         mesh.box([-half, -half, 0.2 * i], [2 * half, 2 * half, 0.2], finishes.KERB)
     mesh.box([-1.4, -0.9, 0.6], [2.8, 1.8, 2.4], stone)
     mesh.box([-1.5, -1.0, 3.0], [3.0, 2.0, 0.2], stone)
-    mesh.panels(upright(-0.8, 0.8, 1.4, 2.4, -0.91), finishes.sign(1.6, 1.0, rng, 4))
+    mesh.panels(upright(-0.8, 0.8, 1.4, 2.4, -0.91), finishes.sign(1.6, 1.0, mesh.rng, 4))
     add_frustum(mesh, (-1.1, 0.9, 0.35, 3.9), (-1.0, 0.9, 0.3, 4.7), finishes.METAL)
     for x in (-1.0, -0.75, 0.45, 0.7):
         add_frustum(
@@ -136,8 +141,9 @@ def add_monument(mesh: MeshBuilder, rng: np.random.Generator) -> None:
     add_frustum(mesh, (-0.18, 0.08, 0.12, 5.5), (-0.15, 0.05, 0.1, 5.85), finishes.METAL)
 
 
-def add_kiosk(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_kiosk(mesh: MeshBuilder) -> None:
     """Add a kiosk with eight sides, posters and a roof, 3.6 m high."""
+    rng = mesh.rng
     wood = finishes.slats(finishes.pick(rng, finishes.WOODWORK), 0.25)
     add_prism(mesh, 1.7, 2.6, wood)
     add_prism(mesh.at(0, 0, 0, 2.6), 2.1, 0.15, finishes.TRIM)
@@ -147,8 +153,9 @@ def add_kiosk(mesh: MeshBuilder, rng: np.random.Generator) -> None:
         side.panels(upright(0.0, 1.0, 0.8, 2.2, 0.0), finishes.sign(1.0, 1.4, rng, int(rng.integers(2, 7))))
 
 
-def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rng: np.random.Generator) -> None:
+def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish) -> None:
     """Add a rough ball of leaves around `center` (3,) m: a dense heart and sprays of leaves all over it."""
+    rng = mesh.rng
     (directions, faces), center = _sphere_faces(), mesh.place(center)
     level = radius * (0.85 + 0.25 * rng.uniform(-1.0, 1.0, len(directions)))
     points = center + directions * level[:, None] * np.array([1.0, 1.0, 0.85])
@@ -162,27 +169,19 @@ def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rn
 @cache
 def _sphere_faces() -> tuple[Array, Integers]:
     """Return an octahedron split twice: directions (P, 3) and faces (F, 3)."""
-    points = [
-        np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
-    ]
-    faces = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
-    middles: dict[tuple[int, int], int] = {}
-
-    def middle(a: int, b: int) -> int:
-        key = (min(a, b), max(a, b))
-        if key not in middles:
-            point = points[a] + points[b]
-            points.append(point / np.linalg.norm(point))
-            middles[key] = len(points) - 1
-        return middles[key]
-
+    points = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], np.float64)
+    faces = np.array([(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)])
     for _ in range(2):
-        split = []
-        for a, b, c in faces:
-            ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-            split += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        faces = split
-    return np.array(points), np.array(faces)
+        corners = points[faces]
+        middles = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)  # of ab, bc, ca
+        middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+        every = np.concatenate([points, middles])
+        _, first, number = np.unique(every, axis=0, return_index=True, return_inverse=True)
+        points, rank = every[np.sort(first)], np.argsort(np.argsort(first))  # in the order in which they come
+        ab, bc, ca = rank[number.ravel()[-len(middles) :]].reshape(-1, 3).T
+        a, b, c = faces.T
+        faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    return points, faces
 
 
 def add_frustum(

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 
 NUM_PARAMS = 6
+Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise from outside, lower left first
     [
         [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]],
@@ -22,6 +23,9 @@ BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise 
     ],
     dtype=np.float64,
 )
+
+
+REVEAL = np.concatenate([BOX_FACES[[5, 4], ::-1], BOX_FACES[[2, 3]][:, [1, 0, 3, 2]]])  # floor, top, sides from inside
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def park(mesh: Mesh, seed: int, number: int) -> Mesh:
     for slot in mesh.slots:
         if rng.random() < OCCUPIED:
             turn = (np.pi if rng.random() < REVERSED else 0.0) + rng.normal(0.0, 0.02)
-            furniture.add_car(builder.within(slot).at(rng.uniform(-SHIFT, SHIFT), 0.0, turn), rng)
+            furniture.add_car(builder.within(slot).at(rng.uniform(-SHIFT, SHIFT), 0.0, turn))
     left = _with_triangles(mesh, ~mesh.is_parked[mesh.surface_of])
     return joined([left, builder.build()]) if builder.num_surfaces else left
 
@@ -68,14 +68,14 @@ def _with_bare_trees(mesh: Mesh, seed: int) -> Mesh:
         center, radius = points.mean(axis=0), float(points.std(axis=0).mean()) * np.sqrt(3.0)
         away = np.hypot(*(trunks[:, :2] - center[:2]).T)
         tree = int(np.argmin(away))
-        if away[tree] > REACH or center[2] < tops[tree] - CROWN or len(members) == 0:
+        if away[tree] > REACH or center[2] < tops[tree] - CROWN:
             continue
         keep[members] = False
         faces = _branches(np.array([*trunks[tree, :2], tops[tree] - 0.3]), center, radius, rng)
         made.append(faces)
         owners.append(np.full(len(faces), s))
         kinds[s, 0], colors[s] = k.BARK, (finishes.BARK.color, finishes.BARK.second)
-        params[s] = np.array([finishes.BARK.params[0], 0, 0, 0, 0, 0])
+        params[s], params[s, 0] = 0.0, finishes.BARK.params[0]
     changed = _with_triangles(replace(mesh, kinds=kinds, colors=colors, params=params), keep)
     return _with_added(changed, np.concatenate(made), np.concatenate(owners)) if made else changed
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.mesh import Finish, MeshBuilder, flat
+from cycab_sim.world.mesh import Finish, MeshBuilder, Rectangle, flat
 from cycab_sim.world.texture import kernels as k
 
 HALF_ROAD = 3.75  # kerb to centre line, m
@@ -15,7 +15,7 @@ KERB_WIDTH = 0.18
 FAR = 400.0  # the ground ends here, m
 
 
-def add_ground(mesh: MeshBuilder, bounds: tuple[float, float, float, float]) -> None:
+def add_ground(mesh: MeshBuilder, bounds: Rectangle) -> None:
     """Add asphalt as far as the town goes and meadow beyond."""
     x0, y0, x1, y1 = bounds
     road = flat(x0 - 12, y0 - 12, x1 + 12, y1 + 12, 0.0)
@@ -23,7 +23,7 @@ def add_ground(mesh: MeshBuilder, bounds: tuple[float, float, float, float]) -> 
     mesh.panels(flat(x0 - FAR, y0 - FAR, x1 + FAR, y1 + FAR, -0.05), finishes.SOIL)
 
 
-def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) -> None:
+def add_pavement(mesh: MeshBuilder, block: Rectangle) -> None:
     """Add the raised slab of a block (x0, y0, x1, y1): kerb stones around paving or cobbles."""
     x0, y0, x1, y1 = block
     mesh.box([x0, y0, 0.0], [x1 - x0, y1 - y0, KERB_HEIGHT], finishes.KERB)
@@ -35,7 +35,6 @@ def add_street(
     mesh: MeshBuilder,
     length: float,
     crossings: tuple[float, ...],
-    rng: np.random.Generator,
     half: float = HALF_ROAD,
 ) -> None:
     """Add marks, patches and covers, x along the middle from the start on; crossings are at x = ... m.
@@ -56,11 +55,12 @@ def add_street(
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
             mesh.panels(np.roll(flat(x, -half, x + 2.8, half, 0.007), -1, axis=0), stripes)
-    _add_patches(mesh, length, rng, half)
+    _add_patches(mesh, length, half)
 
 
-def _add_patches(mesh: MeshBuilder, length: float, rng: np.random.Generator, half: float) -> None:
+def _add_patches(mesh: MeshBuilder, length: float, half: float) -> None:
     """Add repaired asphalt, cobbled strips and covers."""
+    rng = mesh.rng
     for _ in range(int(length / 5.0)):
         x, y = rng.uniform(0.0, length), rng.uniform(-half + 0.4, half - 0.8)
         kind = rng.random()

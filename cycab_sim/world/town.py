@@ -13,12 +13,10 @@ import numpy as np
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, flat
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, Rectangle, flat
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
-
-Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 
 OUTER = 34.0  # depth of the outer blocks, m
 LANE = 0.5  # taught paths keep this far to the right of the middle of the street, m
@@ -76,35 +74,35 @@ def taught_path(plan: Plan, name: str) -> Path:
 def build_town(seed: int) -> tuple[Mesh, Plan]:
     """Return the town of a seed: its mesh and its plan."""
     plan = draw_plan(seed)
-    rng = np.random.default_rng([seed, 2])
-    mesh = MeshBuilder(rng)
+    mesh = MeshBuilder(np.random.default_rng([seed, 2]))
     add_ground(mesh, plan.bounds)
     for block in plan.blocks():
         add_pavement(mesh, block)
-        add_houses(mesh, block, rng)
-        furnish(mesh, block, rng)
+        add_houses(mesh, block)
+        furnish(mesh, block)
     x0, y0, x1, y1 = plan.bounds
     for y in (0.0, plan.north):
-        add_street(mesh.at(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0), rng)
+        add_street(mesh.at(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0))
     for x in (0.0, plan.east):
-        add_street(mesh.at(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0), rng)
-    _close_views(mesh, plan, rng)
-    add_skyline(mesh, plan.bounds, rng)
+        add_street(mesh.at(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0))
+    _close_views(mesh, plan)
+    add_skyline(mesh, plan.bounds)
     return mesh.build(), plan
 
 
-def add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
+def add_houses(mesh: MeshBuilder, block: Rectangle, sides: str = STREETS) -> None:
     """Line the four sides of a block with houses; the south and north rows take the corners. `sides`: see STREETS."""
+    rng = mesh.rng
     south, north, east, west = (0.0 if side == "l" else PAVEMENT for side in sides)
     x0, y0, x1, y1 = (block[0] + west, block[1] + south, block[2] - east, block[3] - north)
     deep = 9.0
     mesh.panels(flat(x0, y0, x1, y1, 0.13), finishes.SOIL)
     for side, length in _sides(mesh, (x0, y0, x1, y1), deep):
-        add_row(side, length, deep, rng)
+        add_row(side, length, deep)
     has_yard = min(x1 - x0, y1 - y0) > 2 * (deep + 2)
     for _ in range(3 if has_yard else 0):
         x, y = rng.uniform(x0 + deep + 2, x1 - deep - 2), rng.uniform(y0 + deep + 2, y1 - deep - 2)
-        furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.13), rng)
+        furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.13))
 
 
 def _sides(mesh: MeshBuilder, block: Rectangle, corner: float = 0.0) -> list[tuple[MeshBuilder, float]]:
@@ -122,8 +120,9 @@ def _sides(mesh: MeshBuilder, block: Rectangle, corner: float = 0.0) -> list[tup
     ]
 
 
-def add_row(mesh: MeshBuilder, length: float, deep: float, rng: np.random.Generator) -> None:
+def add_row(mesh: MeshBuilder, length: float, deep: float) -> None:
     """Fill a row of `length` m with houses; now and then a gate with a wall and a hedge."""
+    rng = mesh.rng
     mesh = mesh.at(0.0, 0.0, 0.0, KERB_HEIGHT)
     x, is_first = 0.0, True
     while length - x > 4.0:
@@ -131,24 +130,26 @@ def add_row(mesh: MeshBuilder, length: float, deep: float, rng: np.random.Genera
         width = length - x if length - x - width < 5.0 else width
         back = rng.uniform(0.0, 0.35)
         if not is_first and width < length - x and rng.random() < 0.14:
-            _add_garden(mesh.at(x, back, 0.0), width, rng)
+            _add_garden(mesh.at(x, back, 0.0), width)
         else:
-            add_house(mesh.at(x, back, 0.0), width, deep - back, int(rng.integers(2, 5)), rng)
+            add_house(mesh.at(x, back, 0.0), width, deep - back, int(rng.integers(2, 5)))
         x, is_first = x + width, False
 
 
-def _add_garden(mesh: MeshBuilder, width: float, rng: np.random.Generator) -> None:
+def _add_garden(mesh: MeshBuilder, width: float) -> None:
     """Add a garden wall with coping, a hedge behind it and a tree."""
+    rng = mesh.rng
     mesh.box([0, 0, 0], [width, 0.3, 1.1], finishes.wall(rng))
     mesh.box([-0.04, -0.06, 1.1], [width + 0.08, 0.42, 0.1], finishes.TRIM)
     leaves = finishes.foliage(rng)
     for x in np.arange(0.8, width - 0.4, 0.9):
-        furniture.add_lump(mesh, np.array([x, 1.0, 1.1]), rng.uniform(0.6, 0.85), leaves, rng)
-    furniture.add_tree(mesh.at(width / 2, 4.0, 0.0), rng)
+        furniture.add_lump(mesh, np.array([x, 1.0, 1.1]), rng.uniform(0.6, 0.85), leaves)
+    furniture.add_tree(mesh.at(width / 2, 4.0, 0.0))
 
 
-def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
+def furnish(mesh: MeshBuilder, block: Rectangle, sides: str = STREETS) -> None:
     """Put cars along the kerbs of a block and lamps, signs, trees, boxes and benches on its pavement."""
+    rng = mesh.rng
     for (kerb, length), side in zip(_sides(mesh, block), sides, strict=True):
         if side in "al":
             continue
@@ -157,28 +158,29 @@ def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides
             mesh.slots.append(kerb.at(x, -1.05).placement)
             if rng.random() < 0.55:
                 flip = np.pi if rng.random() < 0.3 else 0.0
-                furniture.add_car(kerb.clutter(is_parked=True).at(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
+                furniture.add_car(kerb.clutter(is_parked=True).at(x, -1.05, flip + rng.normal(0.0, 0.02)))
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
-            add_on_pavement(kerb.at(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
+            add_on_pavement(kerb.at(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT))
 
 
-def add_on_pavement(mesh: MeshBuilder, rng: np.random.Generator) -> None:
+def add_on_pavement(mesh: MeshBuilder) -> None:
     """Put one thing on the pavement: by the kerb (x along it, y away from the road) or by the wall."""
+    rng = mesh.rng
     kind = rng.random()
     if kind < 0.22:
-        furniture.add_lamp(mesh.at(0.0, 0.35, -np.pi / 2), rng)
+        furniture.add_lamp(mesh.at(0.0, 0.35, -np.pi / 2))
     elif kind < 0.40:
-        furniture.add_traffic_sign(mesh.at(0.0, 0.4, rng.normal(0.0, 0.1)), rng)
+        furniture.add_traffic_sign(mesh.at(0.0, 0.4, rng.normal(0.0, 0.1)))
     elif kind < 0.55:
-        furniture.add_tree(mesh.at(0.0, 0.75, rng.uniform(0, 6.28)), rng)
+        furniture.add_tree(mesh.at(0.0, 0.75, rng.uniform(0, 6.28)))
     elif kind < 0.70:
-        furniture.add_box(mesh.clutter().at(0.0, PAVEMENT - 0.65, -np.pi / 2), rng)
+        furniture.add_box(mesh.clutter().at(0.0, PAVEMENT - 0.65, -np.pi / 2))
     elif kind < 0.80:
-        furniture.add_bench(mesh.at(0.0, PAVEMENT - 0.4, -np.pi / 2), rng)
+        furniture.add_bench(mesh.at(0.0, PAVEMENT - 0.4, -np.pi / 2))
     else:
         for x in (0.0, 1.4, 2.8)[: int(rng.integers(1, 4))]:
-            furniture.add_bollard(mesh.at(x, 0.3, 0.0), rng)
+            furniture.add_bollard(mesh.at(x, 0.3, 0.0))
 
 
 def street_ends(
@@ -199,19 +201,21 @@ def street_ends(
     return [mesh.at(*end) for end in ends]
 
 
-def _close_views(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> None:
+def _close_views(mesh: MeshBuilder, plan: Plan) -> None:
     """Close most street ends by a house across, the others by two rows of trees."""
+    rng = mesh.rng
     across, along = (0.0, plan.north), (0.0, plan.east)
     for end in street_ends(mesh, plan.bounds, 9.0, across, along, along):
         if rng.random() < 0.6:
-            add_house(end.at(-9.0, 0.0), 18.0, 8.0, int(rng.integers(3, 6)), rng)
+            add_house(end.at(-9.0, 0.0), 18.0, 8.0, int(rng.integers(3, 6)))
         else:
             for x, y in ((-5, 0), (5, 0), (-5, 8), (5, 8), (-6, 17), (6, 17), (0, 26)):
-                furniture.add_tree(end.at(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)), rng)
+                furniture.add_tree(end.at(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)))
 
 
-def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) -> None:
+def add_skyline(mesh: MeshBuilder, bounds: Rectangle) -> None:
     """Add towers all around, 40 to 140 m beyond the edge."""
+    rng = mesh.rng
     x0, y0, x1, y1 = bounds
     for angle in np.linspace(0.0, 2 * np.pi, 28, endpoint=False) + rng.uniform(0, 0.2, 28):
         far = rng.uniform(40.0, 140.0)

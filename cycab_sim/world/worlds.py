@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.city import BOUNDS, build_city, tour
-from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, flat
+from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, Rectangle, flat
 from cycab_sim.world.paths import Path, Piece
 from cycab_sim.world.town import build_town, taught_path
 from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
@@ -52,6 +52,9 @@ class GroundProfile:
         return lift @ T_world_planar @ SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
 
 
+RAMP = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
+
+
 @dataclass(frozen=True)
 class World:
     """A mesh, the ground, the path, the box x0, y0, x1, y1 m of its detailed part, and where traffic goes."""
@@ -59,7 +62,7 @@ class World:
     mesh: Mesh
     ground: GroundProfile
     path: Path
-    bounds: tuple[float, float, float, float]
+    bounds: Rectangle
     loops: tuple[Loop, ...] = ()
     is_wide: bool = False  # shadows are needed wherever its bounds reach
 
@@ -75,8 +78,7 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
         path_along = Path((4.0, 0.0, 0.0), (Piece(CORRIDOR - 8.0),))
         return World(_build_corridor(seed), GroundProfile(), path_along, (0.0, -4.0, CORRIDOR, 4.0))
     if world == "ramp":
-        ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
-        return World(_build_ramp(seed), ground, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
+        return World(_build_ramp(seed), RAMP, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
@@ -88,21 +90,18 @@ def geometry_cloud(seed: int, spacing: float = 0.1, world: str = "town") -> Arra
     if not (np.isfinite(spacing) and spacing > 0.0):
         raise ValueError(f"spacing: expected a distance above 0 m, found {spacing}")
     built = build_world(world, seed)
-    x0, y0, x1, y1 = built.bounds
     faces = built.mesh.triangles.astype(np.float64)
     keep = ~built.mesh.is_clutter[built.mesh.surface_of]
-    points = _sample(faces[keep], spacing, np.random.default_rng([seed, 51]), (x0, y0, x1, y1))
+    points = _sample(faces[keep], spacing, np.random.default_rng([seed, 51]), built.bounds)
     cells = np.floor(points / spacing).astype(np.int64)
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
     codes = np.ravel_multi_index(tuple((cells - low).T), tuple(size))
     return np.ascontiguousarray(points[np.sort(np.unique(codes, return_index=True)[1])])
 
 
-def _sample(faces: Array, spacing: float, rng: np.random.Generator, bounds: tuple[float, float, float, float]) -> Array:
+def _sample(faces: Array, spacing: float, rng: np.random.Generator, bounds: Rectangle) -> Array:
     """Return random points on triangles (T, 3, 3) inside the bounds, two for each cell of `spacing`^2."""
-    x0, y0, x1, y1 = bounds
-    m = CLOUD_MARGIN
-    low, high = np.array([x0 - m, y0 - m]), np.array([x1 + m, y1 + m])
+    low, high = np.array(bounds[:2]) - CLOUD_MARGIN, np.array(bounds[2:]) + CLOUD_MARGIN
     faces = _split(faces, low, high)
     area = 0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
     count = np.floor(2.0 * area / spacing**2 + rng.random(len(faces))).astype(np.int64)
@@ -154,8 +153,7 @@ def _build_corridor(seed: int) -> Mesh:
 def _build_ramp(seed: int) -> Mesh:
     """Return a street along x, houses and trees on either side, everything lifted to the ground's height."""
     rng = np.random.default_rng([seed, 62])
-    ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
-    mesh = MeshBuilder(rng, height=ground.height)
+    mesh = MeshBuilder(rng, height=RAMP.height)
     edges = np.unique(np.concatenate([BREAKS[1:-1], np.arange(-40.0, 181.0, 10.0)]))
     for x0, x1 in pairwise(edges):
         mesh.panels(flat(x0, -60, x1, 60, -0.02), finishes.SOIL)
@@ -167,10 +165,10 @@ def _build_ramp(seed: int) -> Mesh:
         while x < 150.0:
             width = rng.uniform(6.5, 10.0)
             front = mesh.at(x, 6.0) if side == 0.0 else mesh.at(x + width, -6.0, np.pi)
-            add_house(front, width, 8.0, int(rng.integers(2, 5)), rng)
+            add_house(front, width, 8.0, int(rng.integers(2, 5)))
             if rng.random() < 0.5:
                 y = 4.6 if side == 0.0 else -4.6
-                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.1), rng)
+                furniture.add_tree(mesh.at(x, y, rng.uniform(0, 6.28), 0.1))
             x += width + (rng.uniform(2.0, 5.0) if rng.random() < 0.3 else 0.0)
     for x in (-42.0, 156.0):
         mesh.box([x, -9.0, 0.0], [6.0, 18.0, 9.0], finishes.wall(rng))

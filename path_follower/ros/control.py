@@ -16,7 +16,7 @@ from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
 from path_follower.command import Command, FollowerReport
-from path_follower.constants import ACKNOWLEDGE, CYCLE_MEMORY_NS, LOOK_PERIOD, MAX_CLOCK_PAUSE, REPEAT_NS, SILENCE, TICK
+from path_follower.constants import ACKNOWLEDGE, CYCLE_LOOKS, LOOK_PERIOD, MAX_CLOCK_PAUSE, REPEAT_NS, SILENCE, TICK
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
@@ -71,7 +71,7 @@ class ControlLoop:
         self.scans = ScanIntake(endpoints, p, self.follower, transforms)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
-        endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
+        endpoints.add_timer(LOOK_PERIOD, self.peers.look, is_wall=True)
 
     # --- requests of the front; a text says why not, and is empty where it was done
     def motions(self, path: ReferencePath | None = None) -> dict[str, Callable[[], str | None]]:
@@ -183,10 +183,6 @@ class ControlLoop:
         is_based = last_ns > 0 and clock_ns - last_ns <= 1e9 * self.params.safety.max_pose_silence
         return last_ns if is_based else clock_ns
 
-    def on_look(self) -> None:
-        """Look who publishes what the vehicle is driven by, and commands."""
-        self.peers.look()
-
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:
         """Send a command with the stamp of what it answers, and say what the follower does."""
@@ -230,17 +226,15 @@ class Cycle:
 
     def __init__(self) -> None:
         self._last_ns = 0
-        self._looks: deque[tuple[int, int]] = deque()  # ns, and ns since the one before
+        self._gaps = deque[int](maxlen=CYCLE_LOOKS)  # ns
 
     def observe(self, now_ns: int) -> None:
         """Note a look."""
         if self._last_ns:
-            self._looks.append((now_ns, now_ns - self._last_ns))
-            while now_ns - self._looks[0][0] > CYCLE_MEMORY_NS:
-                self._looks.popleft()
+            self._gaps.append(now_ns - self._last_ns)
         self._last_ns = now_ns
 
     @property
     def worst(self) -> float:
         """In seconds; 0 before the second look."""
-        return max((took for _, took in self._looks), default=0) / 1e9
+        return max(self._gaps, default=0) / 1e9

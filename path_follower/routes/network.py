@@ -114,7 +114,6 @@ class Network:
     edges: Mapping[int, RouteEdge]
     places: Mapping[str, int] = field(default_factory=dict)  # node by name
     map_id: str = ""
-    frame: str = "map"
 
     def arrivals(self, node: int) -> list[RouteEdge]:
         """Return the edges that end at a node."""

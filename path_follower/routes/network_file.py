@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2, between
+from path_follower.path_files import COLUMNS
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge
 from sphere_nav.geometry.arrays import Array
@@ -27,8 +28,8 @@ from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, VERSION = "sphere_nav routes", 1
 FILE_NAME = "routes.geojson"  # in the folder of its map
+_FRAME = "map"  # that Route Server is told
 DECIMALS = 4  # of metres and radians
-COLUMNS = ("x", "y", "yaw", "speed")
 
 
 def network_path(path: Path) -> Path:
@@ -55,13 +56,13 @@ def to_geojson(network: Network, *, is_dense: bool = True) -> str:
     for feature in features if not is_dense else ():
         feature["properties"].pop("curve", None)
     features += [_twin_feature(edge, number) for number, edge in enumerate(twins, reach + 1)]
-    head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": network.frame}
+    head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": _FRAME}
     whole = {"type": "FeatureCollection", "name": "graph", "network": head, "features": features}
     return json.dumps(whole, allow_nan=False)
 
 
 def _node_feature(network: Network, node: int, pose: Pose2) -> dict[str, Any]:
-    properties: dict[str, Any] = {"id": node, "frame": network.frame, "yaw": round(pose.yaw, 6)}
+    properties: dict[str, Any] = {"id": node, "frame": _FRAME, "yaw": round(pose.yaw, 6)}
     if names := [name for name, number in network.places.items() if number == node]:
         properties |= {"names": names, "metadata": {"name": names[0]}}
     geometry = {"type": "Point", "coordinates": [round(pose.x, DECIMALS), round(pose.y, DECIMALS)]}
@@ -101,7 +102,6 @@ class _Head:
     format: str
     version: int
     map_id: str
-    frame: str
 
 
 @dataclass(frozen=True)
@@ -162,10 +162,10 @@ def from_geojson(text: str, where: str = "network") -> Network:
             edges[key] = _read_edge(fields, key, f"{at}.properties")
     if not nodes or not edges:
         raise ValueError(f"{where}: expected nodes and edges, found {len(nodes)} and {len(edges)}")
-    for name in (head.map_id, head.frame, *places):
+    for name in (head.map_id, *places):
         if len(name) > MAX_NAME or not name.isprintable():
             raise ValueError(f"{where}: expected a short text, found {short(name)}")
-    network = Network(nodes, edges, places, head.map_id, head.frame)
+    network = Network(nodes, edges, places, head.map_id)
     _check_ends(network, where)
     return network
 

@@ -110,11 +110,11 @@ def normal_equations(problem: AdjustmentProblem, state: RigState, errors: Array,
     seen, (J, columns) = problem.seen, jacobian(problem, state)
     size = problem.num_shared + 6 * len(state.T_world_rig.matrix)
     H, gradient = np.zeros((size, size)), np.zeros(size)
-    for first, last, own in zip(seen.starts[:-1], seen.starts[1:], columns, strict=True):
-        flat = J[first:last].reshape(-1, J.shape[-1])
-        weighted = flat.T * np.repeat(weights[first:last], 2)
+    for rows, own in zip(seen.rows, columns, strict=True):
+        flat = J[rows].reshape(-1, J.shape[-1])
+        weighted = flat.T * np.repeat(weights[rows], 2)
         H[np.ix_(own, own)] += weighted @ flat
-        gradient[own] += weighted @ errors[first:last].ravel()
+        gradient[own] += weighted @ errors[rows].ravel()
     return H, gradient
 
 

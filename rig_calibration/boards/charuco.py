@@ -1,4 +1,4 @@
-"""Markers and corners of ChArUco boards by OpenCV: the classes of 4.7 and later, the functions before them."""
+"""Markers and corners of ChArUco boards, by OpenCV 4.7 or later."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from sphere_nav.geometry.files.untrusted import told_at
 
 
 def check(board: Board) -> None:
-    """Raise ValueError where OpenCV has no such dictionary, or too few markers in it for the board."""
+    """Raise ValueError where OpenCV is too old, has no such dictionary, or too few markers in it for the board."""
+    if not hasattr(cv2.aruco, "CharucoDetector"):
+        raise ValueError(f"board {board.name!r}: charuco: expected OpenCV 4.7 or later, found {cv2.__version__}")
     with told_at(f"board {board.name!r}"):
         available = len(_dictionary(board.dictionary).bytesList)
     last = board.first_marker + board.num_markers
@@ -28,11 +30,7 @@ def check(board: Board) -> None:
 
 def find_markers(gray: Bytes, dictionary_name: str) -> tuple[NDArray[np.int32], Floats]:
     """Return numbers (M,) and corners (M, 1, 4, 2) of the markers of a dictionary that an image (H, W) shows."""
-    dictionary = _dictionary(dictionary_name)
-    if _has_classes():
-        corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(gray)
-    else:
-        corners, numbers, _ = cv2.aruco.detectMarkers(gray, dictionary)
+    corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(dictionary_name)).detectMarkers(gray)
     found = np.zeros(0, np.int32) if numbers is None else np.asarray(numbers, np.int32).ravel()
     return found, np.asarray(corners, np.float32).reshape(-1, 1, 4, 2)
 
@@ -44,18 +42,10 @@ def find_corners(gray: Bytes, board: Board, markers: tuple[NDArray[np.int32], Fl
     ids, corners = (part[own] for part in markers)
     if len(ids) < 2 or len(np.unique(ids)) < len(ids):  # a marker twice: the board is, too
         return np.zeros(0, np.intp), np.zeros((0, 2))
-    if _has_classes():
-        found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, list(corners), ids[:, None])
-    else:
-        ids = ids[:, None] - board.first_marker
-        _, found, numbers = cv2.aruco.interpolateCornersCharuco(list(corners), ids, gray, _old_pattern(board))
+    found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, list(corners), ids[:, None])
     if found is None or numbers is None:
         return np.zeros(0, np.intp), np.zeros((0, 2))
     return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(found, dtype=np.float64).reshape(-1, 2)
-
-
-def _has_classes() -> bool:
-    return hasattr(cv2.aruco, "CharucoDetector")
 
 
 def _dictionary(name: str) -> Any:
@@ -66,21 +56,9 @@ def _dictionary(name: str) -> Any:
 
 
 def _detector(board: Board) -> Any:
-    """Return the detector of a board, by the classes of OpenCV since 4.7."""
     numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
     squares = (board.columns + 1, board.rows + 1)
     dictionary = _dictionary(board.dictionary)
     pattern = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary, numbers)
     pattern.setLegacyPattern(board.is_legacy)
     return cv2.aruco.CharucoDetector(pattern)
-
-
-def _old_pattern(board: Board) -> Any:
-    """Return the board for the functions before 4.7; they number its markers from 0 and know one pattern only."""
-    squares = (board.columns + 1, board.rows + 1)
-    if board.rows % 2 and not board.is_legacy:  # an even number of rows of squares: the pattern was turned since
-        raise ValueError(
-            f"board {board.name!r}: expected OpenCV 4.7 or later, or legacy, for {squares[1]} rows of squares, "
-            f"found OpenCV {cv2.__version__}"
-        )
-    return cv2.aruco.CharucoBoard_create(*squares, board.square_m, board.marker_m, _dictionary(board.dictionary))

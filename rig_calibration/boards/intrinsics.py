@@ -79,8 +79,8 @@ def calibrate_camera(
 
 def view_poses(camera: Camera, seen: Observations) -> SE3:
     """Return `T_camera_board` (V,) of every view of a known camera; NaN without."""
-    rays, ends = camera.unproject(seen.pixels), zip(seen.starts[:-1], seen.starts[1:], strict=True)
-    return SE3(np.stack([board_pose(rays[a:b], seen.points[a:b]).matrix for a, b in ends]))
+    rays = camera.unproject(seen.pixels)
+    return SE3(np.stack([board_pose(rays[rows], seen.points[rows]).matrix for rows in seen.rows]))
 
 
 def _misfit(errors: Array) -> float:

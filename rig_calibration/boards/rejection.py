@@ -86,9 +86,8 @@ def reject(seen: Observations, errors: Array, kept: Array) -> tuple[Array, dict[
 
 def view_medians(seen: Observations, size: Array, kept: Array) -> Array:
     """Return the median (V,) of the lengths (N,) of the residuals of each view, NaN where no corner counts."""
-    slices = (slice(first, last) for first, last in zip(seen.starts[:-1], seen.starts[1:], strict=True))
-    found = [np.median(size[rows][kept[rows] > 0]) if np.any(kept[rows] > 0) else np.nan for rows in slices]
-    return np.array(found)
+    counted = [size[rows][kept[rows] > 0] for rows in seen.rows]
+    return np.array([np.median(own) if own.size else np.nan for own in counted])
 
 
 def _worst_of_instants(seen: Observations, excess: Array) -> list[int]:

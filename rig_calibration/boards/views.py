@@ -56,9 +56,10 @@ class Observations:
         return len(self.camera)
 
     @cached_property
-    def starts(self) -> Indices:
-        """First corner of every view, and the end (V + 1,)."""
-        return np.concatenate([[0], np.cumsum(self.counts)])
+    def rows(self) -> list[slice]:
+        """Rows of the corners of each view (V)."""
+        ends = np.cumsum(self.counts).tolist()
+        return list(map(slice, [0, *ends[:-1]], ends))
 
     @cached_property
     def view(self) -> Indices:

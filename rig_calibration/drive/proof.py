@@ -72,7 +72,7 @@ class LensProof:
     @property
     def unobserved(self) -> tuple[str, ...]:
         """Parameters of the camera that the drive does not tell."""
-        return tuple(name for name in self.found.unobserved if name in self.found.names[:MAP])
+        return tuple(name for name in self.found.unobserved if name in self.found.lens.names[:MAP])
 
 
 def prove(
@@ -122,7 +122,7 @@ def _widen(found: RefinedCamera, halves: Sequence[Lens], num_runs: int, held: Se
     few = float(stdtrit(num_runs - 1, ndtr(SIGMAS))) / SIGMAS
     off = 0.5 * (halves[0].values - halves[1].values)
     covariance = few**2 * found.covariance + np.outer(off, off)
-    is_held = np.array([name in held for name in found.names])
+    is_held = np.array([name in held for name in found.lens.names])
     covariance[is_held] = covariance[:, is_held] = 0.0
     covariance[is_held, is_held] = found.prior_sigma[is_held] ** 2
     return replace(found, covariance=covariance)

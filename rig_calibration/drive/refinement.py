@@ -22,9 +22,8 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class RefinedCamera:
-    """The lens, the names of its P parameters, and their covariance (P, P)."""
+    """The lens, standard deviations (P,) of its parameters before, and their covariance (P, P) now."""
 
-    names: tuple[str, ...]
     prior_sigma: Array
     covariance: Array
     states: tuple[ImageState, ...]
@@ -35,12 +34,12 @@ class RefinedCamera:
     @property
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter."""
-        return dict(zip(self.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
+        return dict(zip(self.lens.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
 
     @property
     def unobserved(self) -> tuple[str, ...]:
         """Parameters that the drive does not tell: their deviation is about what it was before."""
-        return tuple(compress(self.names, np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma))
+        return tuple(compress(self.lens.names, np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma))
 
 
 def refine_camera(
@@ -83,4 +82,4 @@ def refine_camera(
     last = linearize(found, states, 0)
     covariance = last.covariance(num_blocks) + np.diag((LENS_FLOOR * prior_sigma) ** 2)
     told = last.num_pixels, last.sigma
-    return RefinedCamera(found.names, lens.prior_sigma, covariance, tuple(states), *told, found)
+    return RefinedCamera(lens.prior_sigma, covariance, tuple(states), *told, found)

@@ -90,7 +90,7 @@ def camera_stream() -> CameraStream:
 RESETS: dict[str, tuple[Any, Any, str]] = {
     "Agreement": (Agreement, "clear", "max_gap_ns"),
     "Answered": (lambda: Answered(None, print, print), "forget", "endpoints answer catch_up is_patient"),
-    "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
+    "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
                      "endpoints params tf odometry on_picture on_refusal name lens place waiting images lens_topics"),
     "Clouds": (Clouds, "clear", ""),

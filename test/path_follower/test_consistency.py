@@ -148,13 +148,13 @@ def test_only_what_dead_reckoning_cannot_be_wrong_by_adds_up(has_odometry, axis)
         step = between(before, car.true)
         way, turn = way + math.hypot(step.x, step.y), turn + step.yaw
         pose = compose_poses(pose, Pose2(*(np.array(step) + 0.04 * (np.arange(3) == axis))))
-        doubt = car.consistency.see_pose(pose, STATED, car.now, is_driving=True)
+        car.consistency.see_pose(pose, STATED, car.now, is_driving=True)
     along, across, a_meter, a_turn, seconds = (
         (0.07, 0.03, 0.02, 0.1, 0.03) if has_odometry else (0.2, 0.06, 0.03, 0.1, 0.15)
     )
     slower = Motion(1.0, 0.3).yaw_rate(1.2) - Motion(0.5, 0.1).yaw_rate(1.2)
     allowed = (along * way + seconds * 0.5, across * way, a_meter * way + a_turn * turn + seconds * slower)
-    assert doubt.share == pytest.approx((1.6 - allowed[axis]) / (0.25, 0.25, 0.12)[axis], rel=0.01)
+    assert car.consistency._pose.share == pytest.approx((1.6 - allowed[axis]) / (0.25, 0.25, 0.12)[axis], rel=0.01)
 
 
 @pytest.mark.parametrize("slip", [0.06, -0.06])
@@ -215,8 +215,8 @@ def test_poses_between_or_after_messages_of_odometry_are_no_fault_of_the_pose(la
             when = 0.1 * number
             if when <= seconds + (0.1 if late_s == 0.0 else 0.0):
                 consistency.see_odometry(at(when), 1.0, motion.yaw_rate(1.2), SECOND + round(when * SECOND))
-        doubt = consistency.see_pose(at(seconds), 1e-8 * np.eye(3), SECOND + round(seconds * SECOND), is_driving=True)
-        shares.append(doubt.share)
+        consistency.see_pose(at(seconds), 1e-8 * np.eye(3), SECOND + round(seconds * SECOND), is_driving=True)
+        shares.append(consistency._pose.share)
     assert max(shares) < 0.02
 
 
@@ -319,7 +319,7 @@ def test_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odome
                     continue
                 noise = Pose2(*(factor * car.rng.normal(size=3) * np.sqrt(np.diagonal(stated))))
                 doubt = car.step(lambda pose, age, car=car, noise=noise: compose_poses(car.true, noise), stated)
-                shares.append(doubt.share)
+                shares.append(car.consistency._pose.share)
                 assert factor > 1.0 or (doubt.stop, doubt.slow) == (FINE, FINE)
         largest[factor] = max(shares)
     assert largest[1.0] < 0.75

@@ -66,7 +66,7 @@ def test_the_adjustment_moves_by_the_derivatives_that_it_says(calibrated):
     size, seen = problem.num_shared + 6 * len(state.T_world_rig.matrix), problem.seen
     tried = {(c, b): v for v, (c, b) in enumerate(zip(seen.camera.tolist(), seen.board.tolist(), strict=True))}
     for view in tried.values():
-        rows = slice(seen.starts[view], seen.starts[view + 1])
+        rows = seen.rows[view]
         for k, column in enumerate(columns[view]):
             step = 1e-6 * (np.arange(size) == column)
             change = (residuals(problem, state.moved(step)) - residuals(problem, state.moved(-step)))[rows]

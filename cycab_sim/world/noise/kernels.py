@@ -12,12 +12,9 @@ import numpy as np
 
 from sphere_nav.kernel_cache.kernels import njit
 
-MASK = 0xFFFFFFFF
 STEP_I, STEP_J, STEP_K, STEP_SEED = 0x1B873593, 0x2545F491, 0x19660D3B, 0x3C6EF35F
-MIX = 0x2C1B3C6D
-UNIT = 1.0 / 32768.0
-I_32, J_32, SEED_32 = np.uint32(STEP_I), np.uint32(STEP_J), np.uint32(STEP_SEED)
-MIX_32, UNIT_32 = np.uint32(MIX), np.float32(UNIT)
+I_32, J_32, SEED_32, MIX = np.uint32(STEP_I), np.uint32(STEP_J), np.uint32(STEP_SEED), np.uint32(0x2C1B3C6D)
+UNIT = np.float32(1.0 / 32768.0)
 WINDOW = 1.3  # an octave whose cells are narrower than the footprint / WINDOW has vanished
 MAX_TAPS = 3
 MAX_OCTAVES = 12
@@ -26,37 +23,41 @@ COS, SIN = 0.79863551, 0.60181502  # every octave is turned by 37 degrees agains
 
 @njit(cache=True)
 def _mix(h):
-    """Scramble a lattice code to 16 bits; the same with and without compilation."""
-    h = h & MASK
-    h = ((h ^ (h >> 15)) * MIX) & MASK
-    return (h ^ (h >> 16)) & 0xFFFF
+    """Scramble a lattice code of 32 bits to 16."""
+    h = np.uint32(np.uint32(h ^ np.uint32(h >> np.uint32(15))) * MIX)
+    h = np.uint32(h ^ np.uint32(h >> np.uint32(16)))
+    return np.float32(np.int32(h & np.uint32(0xFFFF)))
 
 
 @njit(cache=True)
 def hashed(i, j, k, seed):
     """Return a number in [-1, 1) for a lattice cell."""
-    return UNIT * _mix((i * STEP_I) ^ (j * STEP_J) ^ (k * STEP_K) ^ (seed * STEP_SEED)) - 1.0
+    return UNIT * _mix(np.uint32((i * STEP_I) ^ (j * STEP_J) ^ (k * STEP_K) ^ (seed * STEP_SEED))) - 1.0
 
 
 @njit(cache=True)
 def _layer(x, y, code):
-    """Blend the four 16-bit values around a point of the plane of `code`."""
-    left, low = math.floor(x), math.floor(y)
+    """Blend the four 16-bit values around a point of the plane of `code`, in the precision of the point.
+
+    Codes are 32 bits wide, so that the compiler can take eight points of 32 bits at a time.
+    """
+    two, three = np.float32(2.0), np.float32(3.0)
+    left, low = np.floor(x), np.floor(y)
     s, t = x - left, y - low
-    s, t = s * s * (3.0 - 2.0 * s), t * t * (3.0 - 2.0 * t)
-    i, j = int(left) * STEP_I, int(low) * STEP_J
-    right, high = i + STEP_I, (j + STEP_J) ^ code
-    j = j ^ code
-    a, c = _mix(i ^ j), _mix(i ^ high)
-    below = a + s * (_mix(right ^ j) - a)
-    above = c + s * (_mix(right ^ high) - c)
+    s, t = s * s * (three - two * s), t * t * (three - two * t)
+    i, j = np.uint32(np.uint32(np.int32(left)) * I_32), np.uint32(np.uint32(np.int32(low)) * J_32)
+    right, high = np.uint32(i + I_32), np.uint32(np.uint32(j + J_32) ^ code)
+    j = np.uint32(j ^ code)
+    a, c = _mix(np.uint32(i ^ j)), _mix(np.uint32(i ^ high))
+    below = a + s * (_mix(np.uint32(right ^ j)) - a)
+    above = c + s * (_mix(np.uint32(right ^ high)) - c)
     return below + t * (above - below)
 
 
 @njit(cache=True)
 def noise2(x, y, seed):
     """Value noise in [-1, 1] on the plane, cell size 1."""
-    return UNIT * _layer(x, y, seed * STEP_SEED) - 1.0
+    return UNIT * _layer(x, y, np.uint32(seed * STEP_SEED)) - 1.0
 
 
 @njit(cache=True)
@@ -65,7 +66,8 @@ def noise3(x, y, z, seed):
     near, code = math.floor(z), seed * STEP_SEED
     r, k = z - near, int(near) * STEP_K
     r = r * r * (3.0 - 2.0 * r)
-    return UNIT * (_layer(x, y, k ^ code) * (1.0 - r) + _layer(x, y, (k + STEP_K) ^ code) * r) - 1.0
+    below, above = _layer(x, y, np.uint32(k ^ code)), _layer(x, y, np.uint32((k + STEP_K) ^ code))
+    return UNIT * (below * (1.0 - r) + above * r) - 1.0
 
 
 @njit(cache=True)
@@ -82,14 +84,11 @@ def fbm2(u, v, foot, size, gain, octaves, seed):
         blur = max(minor, major * share) * scale * (1.0 / WINDOW)
         if blur >= 1.0:
             break
-        if taps == 1:
-            value = noise2(u * scale, v * scale, seed + octave)
-        else:
-            value, step_u, step_v = 0.0, major * share * scale * bu, major * share * scale * bv
-            x, y = u * scale - 0.5 * (taps - 1) * step_u, v * scale - 0.5 * (taps - 1) * step_v
-            for _ in range(taps):
-                value += share * noise2(x, y, seed + octave)
-                x, y = x + step_u, y + step_v
+        value, step_u, step_v = 0.0, major * share * scale * bu, major * share * scale * bv
+        x, y = u * scale - 0.5 * (taps - 1) * step_u, v * scale - 0.5 * (taps - 1) * step_v
+        for _ in range(taps):
+            value += share * noise2(x, y, seed + octave)
+            x, y = x + step_u, y + step_v
         keep = 1.0 - blur * blur
         total += amplitude * keep * keep * value
         u, v = COS * u - SIN * v, SIN * u + COS * v
@@ -128,7 +127,7 @@ def sum_octaves(points, seeds, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _add_octave(cells_of, seeds, turned, octave, amplitude, out):
-    """Add one octave; everything is 32 bits wide, so that the compiler can take eight points at a time."""
+    """Add one octave; everything is 32 bits wide."""
     c, s, scale = np.float32(turned[0]), np.float32(turned[1]), np.float32(turned[2])
     one, third = np.float32(1.0), np.float32(1.0 / MAX_TAPS)
     u, v, bu, bv, wide = cells_of[0], cells_of[1], cells_of[2], cells_of[3], cells_of[4]
@@ -138,31 +137,9 @@ def _add_octave(cells_of, seeds, turned, octave, amplitude, out):
         x, y = c * u[n] - s * v[n], s * u[n] + c * v[n]
         du, dv = c * bu[n] - s * bv[n], s * bu[n] + c * bv[n]
         seed = np.uint32(np.uint32(seeds[n] + octave) * SEED_32)
-        total = _noise2_32(x, y, seed) + _noise2_32(x - du, y - dv, seed) + _noise2_32(x + du, y + dv, seed)
+        total = (UNIT * _layer(x, y, seed) - one) + (UNIT * _layer(x - du, y - dv, seed) - one)
+        total += UNIT * _layer(x + du, y + dv, seed) - one
         out[n] += amplitude[n] * keep * keep * third * total
-
-
-@njit(cache=True, fastmath=True)
-def _noise2_32(x, y, seed):
-    """`noise2` in 32 bits; `seed` is already multiplied."""
-    two, three = np.float32(2.0), np.float32(3.0)
-    left, low = np.floor(x), np.floor(y)
-    s, t = x - left, y - low
-    s, t = s * s * (three - two * s), t * t * (three - two * t)
-    i, j = np.uint32(np.uint32(np.int32(left)) * I_32), np.uint32(np.uint32(np.int32(low)) * J_32)
-    right, high = np.uint32(i + I_32), np.uint32(np.uint32(j + J_32) ^ seed)
-    j = np.uint32(j ^ seed)
-    a, c = _mix_32(np.uint32(i ^ j)), _mix_32(np.uint32(i ^ high))
-    below = a + s * (_mix_32(np.uint32(right ^ j)) - a)
-    above = c + s * (_mix_32(np.uint32(right ^ high)) - c)
-    return UNIT_32 * (below + t * (above - below)) - np.float32(1.0)
-
-
-@njit(cache=True)
-def _mix_32(h):
-    h = np.uint32(np.uint32(h ^ np.uint32(h >> np.uint32(15))) * MIX_32)
-    h = np.uint32(h ^ np.uint32(h >> np.uint32(16)))
-    return np.float32(np.int32(h & np.uint32(0xFFFF)))
 
 
 @njit(cache=True)

@@ -186,10 +186,11 @@ def locate_surfaces(origin, rays, ranges, triangles, cone, surface_of, frames, k
     """
     for n in range(rays.shape[0]):
         if triangles[n] < 0:
-            scale = 1.0 / (max(rays[n, 2], 0.0) + 0.12) if triangles[n] == -1 else 0.0
-            x, y = (rays[n, 0], rays[n, 1]) if triangles[n] == -1 else (0.0, 0.0)
-            width = cone[n] * scale if triangles[n] == -1 else VANISHED
-            _note(points, n, x * scale, y * scale, (width, width, 1.0, 0.0), 1.0 / SKY_SIZE, SKY_GAIN)
+            x, y, width = 0.0, 0.0, VANISHED
+            if triangles[n] == -1:
+                scale = 1.0 / (max(rays[n, 2], 0.0) + 0.12)
+                x, y, width = rays[n, 0] * scale, rays[n, 1] * scale, cone[n] * scale
+            _note(points, n, x, y, (width, width, 1.0, 0.0), 1.0 / SKY_SIZE, SKY_GAIN)
             seeds[n] = SKY_SEED
             continue
         s, r = surface_of[triangles[n]], ranges[n]
@@ -226,8 +227,7 @@ def dress(rays, triangles, surface_of, kinds, params, colors, points, depths, ro
         fu = math.sqrt((minor * bv) ** 2 + (major * bu) ** 2)
         foot = (minor, major, bu, bv, fu, math.sqrt((minor * bu) ** 2 + (major * bv) ** 2))
         u, v, w = points[0, n], points[1, n], depths[n]
-        p = (params[s, 0], params[s, 1], params[s, 2], params[s, 3], params[s, 4], params[s, 5])
-        m, t = appearance(kinds[s, 0], u, v, w, foot, p, kinds[s, 1], rough[n])
+        m, t = appearance(kinds[s, 0], u, v, w, foot, params[s], kinds[s, 1], rough[n])
         m = min(2.5, max(0.06, m))
         for c in range(3):
             albedo[n, c] = m * (colors[s, 0, c] * (1.0 - t) + colors[s, 1, c] * t)

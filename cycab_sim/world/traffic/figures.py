@@ -57,13 +57,13 @@ class Figure:
 
 def make_car(rng: np.random.Generator) -> Figure:
     """Return a car, as those that are parked."""
-    return Figure((RigidPart(_built(rng, add_car, rng), base=2.5),), 2.2, 0.9)
+    return Figure((RigidPart(_built(rng, add_car), base=2.5),), 2.2, 0.9)
 
 
 def make_tram(rng: np.random.Generator) -> Figure:
     """Return a tram of three sections that follow the bends one after the other."""
     color, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
-    parts = [RigidPart(_built(rng, _add_section, i - 1, color, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
+    parts = [RigidPart(_built(rng, _add_section, i - 1, color), (1 - i) * step, 4.4) for i in range(SECTIONS)]
     return Figure(tuple(parts), SECTIONS * step / 2, 1.2)
 
 
@@ -75,7 +75,7 @@ def make_pedestrian(rng: np.random.Generator) -> Figure:
     has_bag = rng.random() < 0.4
 
     def body(mesh: MeshBuilder) -> None:
-        _add_body(mesh, tall, cloth, trousers, skin, rng)
+        _add_body(mesh, tall, cloth, trousers, skin)
         if has_bag:
             mesh.box([-0.32, -0.15, 1.02 * tall], [0.18, 0.3, 0.42], _cloth(finishes.pick(rng, CLOTHES)))
 
@@ -102,7 +102,7 @@ def make_cyclist(rng: np.random.Generator) -> Figure:
         ):  # fmt: skip
             mesh.box(low, size, paint)
         lean = mesh.at(-0.12, 0.0, 0.0, 0.08).within(_pitch(0.35, (0.0, 0.0, 0.88)))
-        _add_body(lean, 1.0, cloth, trousers, skin, rng)
+        _add_body(lean, 1.0, cloth, trousers, skin)
         for side in (-1.0, 1.0):
             mesh.box([0.08, 0.22 * side - 0.05, 1.06], [0.36, 0.09, 0.09], cloth)
 
@@ -140,9 +140,7 @@ def _pitch(angle: float, pivot: tuple[float, float, float]) -> Array:
     return placed(*pivot[:2], 0.0, pivot[2]) @ turn @ placed(-pivot[0], -pivot[1], 0.0, -pivot[2])
 
 
-def _add_body(
-    mesh: MeshBuilder, tall: float, cloth: Finish, trousers: Finish, skin: Finish, rng: np.random.Generator
-) -> None:
+def _add_body(mesh: MeshBuilder, tall: float, cloth: Finish, trousers: Finish, skin: Finish) -> None:
     """Add hips, chest, neck, head and hair."""
     h = tall
     add_frustum(mesh, (-0.11, 0.11, 0.16, 0.84 * h), (-0.11, 0.11, 0.15, 1.0 * h), trousers)
@@ -150,7 +148,7 @@ def _add_body(
     add_frustum(mesh, (-0.12, 0.13, 0.22, 1.38 * h), (-0.06, 0.06, 0.08, 1.47 * h), cloth)
     add_prism(mesh.at(0.01, 0.0, 0.0, 1.45 * h), 0.055, 0.09, skin, is_solid=True)
     add_frustum(mesh, (-0.08, 0.09, 0.06, 1.51 * h), (-0.10, 0.10, 0.085, 1.62 * h), skin)
-    hair = _cloth(finishes.pick(rng, HAIR))
+    hair = _cloth(finishes.pick(mesh.rng, HAIR))
     add_frustum(mesh, (-0.105, 0.10, 0.09, 1.62 * h), (-0.07, 0.05, 0.06, 1.72 * h), hair)
     mesh.box([-0.115, -0.08, 1.52 * h], [0.06, 0.16, 0.12], hair)
 
@@ -186,10 +184,10 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
         spoke.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL)
 
 
-def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Generator) -> None:
+def _add_section(mesh: MeshBuilder, place: int, color: Color) -> None:
     """Add a section of the tram: place -1 at the front, 0 in the middle, 1 at the back."""
     front, back = SECTION / 2, -SECTION / 2
-    body, glass = finishes.painted_metal(color, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
+    body, glass = finishes.painted_metal(color, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), mesh.rng, 1, 1)
     nose, tail = (0.5 if place < 0 else 0.0), (0.5 if place > 0 else 0.0)
     add_frustum(mesh, (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
     x = np.arange(back, front - 1.0, 1.1)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cycab_sim.world import city
-from cycab_sim.world.mesh import Mesh
+from cycab_sim.world.mesh import Mesh, Rectangle
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
@@ -61,16 +61,16 @@ def town_loops(plan: Plan) -> tuple[Loop, ...]:
     x0, y0, x1, y1 = plan.bounds
     e, n = plan.east, plan.north
     roads = [
-        [(-ASIDE, y0 - NEAR), (-ASIDE, y1 + NEAR), (x0 - NEAR, y1 + NEAR), (x0 - NEAR, y0 - NEAR)],
-        [(x0 - FAR, y0 - FAR), (x0 - FAR, y1 + FAR), (x1 + FAR, y1 + FAR), (x1 + FAR, y0 - FAR)],
-        [(e, y0 - NEAR), (x1 + NEAR, y0 - NEAR), (x1 + NEAR, y1 + NEAR), (e, y1 + NEAR)][::-1],
+        _upwards((-ASIDE, y0 - NEAR, x0 - NEAR, y1 + NEAR)),
+        _upwards(plan.bounds, -FAR),
+        _inset((e, y1 + NEAR, x1 + NEAR, y0 - NEAR)),
     ]
     a, b = 1.1, 1.3  # to the right of the middle of the street
-    cycles = [[(b, a), (b, n - a), (e - a, n - a), (e - a, a)]]
+    cycles = [_upwards((b, a, e - a, n - a))]
     walks = [_inset(block, 1.0)[:: 1 if i % 2 else -1] for i, block in enumerate(plan.blocks())]
     zebra, over = HALF_ROAD + 2.1, HALF_ROAD + 1.0
-    across = [_inset((zebra, y - over, e - zebra, y + over), 0.0) for y in (0.0, n)]
-    across += [_inset((x - over, zebra, x + over, n - zebra), 0.0) for x in (0.0, e)]
+    across = [_inset((zebra, y - over, e - zebra, y + over)) for y in (0.0, n)]
+    across += [_inset((x - over, zebra, x + over, n - zebra)) for x in (0.0, e)]
     return (
         *_loops("road", roads[:1], 6.0, has_rails=True),
         *_loops("road", roads[1:], 6.0),
@@ -82,19 +82,13 @@ def town_loops(plan: Plan) -> tuple[Loop, ...]:
 
 def city_loops() -> tuple[Loop, ...]:
     """Return all loops of the city: lanes against the tour, the tram's way, the road around, cycles, walks."""
-    x0, y0, x1, y1 = city.BOUNDS
-    w, e, n = -20.0, 40.0, 110.0  # streets C, F and B
+    block = (-20.0, 0.0, 40.0, 110.0)  # between the middles of streets C, A, F and B
     a, b = 1.6, 3.2  # from the middle of the street: cars, cyclists
-    roads = [
-        [(w + a, a), (w + a, n - a), (e - a, n - a), (e - a, a)],
-        [(x0 - FAR, y0 - FAR), (x0 - FAR, y1 + FAR), (x1 + FAR, y1 + FAR), (x1 + FAR, y0 - FAR)],
-        [(w - a, -a), (e + a, -a), (e + a, n + a), (w - a, n + a)],
-    ]
-    x, y = 126.0, 8.0  # on the square
-    cycles = [[(x, y), (x, 46.0), (163.0, 46.0), (163.0, y)]]
-    along = [[(w + b, b), (w + b, n - b), (e - b, n - b), (e - b, b)]]
-    blocks = [block for block, sides in city.BLOCKS if "l" not in sides]
-    areas = [*((block, 1.0) for block in blocks), ((80.0, 10.0, 111.0, 44.0), 0.0), ((78.0, -38.0, 140.0, -12.0), 0.0),
+    roads = [_upwards(block, a), _upwards(city.BOUNDS, -FAR), _inset(block, -a)]
+    cycles = [_upwards((126.0, 8.0, 163.0, 46.0))]  # on the square
+    along = [_upwards(block, b)]
+    blocks = [area for area, sides in city.BLOCKS if "l" not in sides]
+    areas = [*((area, 1.0) for area in blocks), ((80.0, 10.0, 111.0, 44.0), 0.0), ((78.0, -38.0, 140.0, -12.0), 0.0),
              ((130.0, 12.0, 158.0, 40.0), 0.0), ((60.0, -12.0, 80.0, 12.0), 0.0)]  # fmt: skip
     walks = [_inset(area, d)[:: 1 if i % 2 else -1] for i, (area, d) in enumerate(areas)]
     return (
@@ -128,12 +122,11 @@ def standing_place(path: Path, distance: float) -> Loop:
                                   y - radius * (np.sin(yaw) - np.sin(angles))], axis=1))  # fmt: skip
 
 
-def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
+def walk_around(loops: list[Loop], mesh: Mesh) -> list[Loop]:
     """Return the loops with walks led around what stands on the pavement."""
-    loops = list(loops)
     if not any(loop.kind == "walk" for loop in loops):
         return loops
-    every = np.concatenate([loop.points for loop in loops] or [np.zeros((1, 2))])
+    every = np.concatenate([loop.points for loop in loops])
     corner = every.min(axis=0) - MARGIN
     grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)
     return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
@@ -147,9 +140,16 @@ def _loops(
     return [Loop(kind, p.at(np.arange(c) * p.length / c)[:, :2], z, **more) for p, c in zip(paths, counts, strict=True)]
 
 
-def _inset(block: tuple[float, float, float, float], d: float) -> list[tuple[float, float]]:
+def _inset(block: Rectangle, d: float = 0.0) -> list[tuple[float, float]]:
+    """Return the corners of a rectangle, `d` m inside, from the first one along x."""
     x0, y0, x1, y1 = block
     return [(x0 + d, y0 + d), (x1 - d, y0 + d), (x1 - d, y1 - d), (x0 + d, y1 - d)]
+
+
+def _upwards(block: Rectangle, d: float = 0.0) -> list[tuple[float, float]]:
+    """Return the corners of a rectangle, `d` m inside, from the first one along y."""
+    first, *others = _inset(block, d)
+    return [first, *reversed(others)]
 
 
 def _room(mesh: Mesh, corner: Array, size: Array) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic import figures
-from cycab_sim.world.traffic.figures import Figure, RigidPart
+from cycab_sim.world.traffic.figures import Figure
 from cycab_sim.world.traffic.loops import Loop, free_loops, standing_place, walk_around
 from cycab_sim.world.worlds import World
 from sphere_nav.geometry.arrays import Array, Flags
@@ -47,18 +47,18 @@ class Traffic:
             self.loops.append(standing_place(world.path, params.standing_at))
             self._paces = np.append(self._paces, 0.0)
             self.actors.append(Actor(figures.make_pedestrian(rng), len(self.loops) - 1, 0.0))
-        parts = [(a, part) for a, actor in enumerate(self.actors) for part in actor.figure.parts]
+        parts = [part for actor in self.actors for part in actor.figure.parts]
         if not parts:
             raise ValueError("traffic: expected room for at least one of its members, found none")
-        self.mesh: Mesh = joined([part.mesh for _, part in parts])
-        self.part_of_triangle = np.repeat(np.arange(len(parts)), [len(p.mesh.triangles) for _, p in parts])
-        self.part_of_surface = np.repeat(np.arange(len(parts)), [len(p.mesh.frames) for _, p in parts])
-        self._actor_of = np.array([a for a, _ in parts])
-        self._loop_of = np.array([self.actors[a].loop for a, _ in parts])
-        self._starts = np.array([self.actors[a].start for a, _ in parts])
-        self._widths = np.array([self.actors[a].figure.half_width for a, _ in parts])
-        self._reach = np.array([_reach(part) for _, part in parts])
-        self._parts = {name: np.array([getattr(p, name) for _, p in parts], dtype=np.float64) for name in _NUMBERS}
+        self.mesh: Mesh = joined([part.mesh for part in parts])
+        self.part_of_triangle = np.repeat(np.arange(len(parts)), [len(part.mesh.triangles) for part in parts])
+        self.part_of_surface = np.repeat(np.arange(len(parts)), [len(part.mesh.frames) for part in parts])
+        self._actor_of = np.repeat(np.arange(len(self.actors)), [len(actor.figure.parts) for actor in self.actors])
+        owners = [(actor.loop, actor.start, actor.figure.half_width) for actor in self.actors]
+        self._loop_of, self._starts, self._widths = (np.array(own)[self._actor_of] for own in zip(*owners, strict=True))
+        self._heights = np.array([loop.z for loop in self.loops])[self._loop_of]
+        self._reach = np.array([np.abs(part.mesh.triangles[..., 0]).max() for part in parts], np.float64)  # along x, m
+        self._parts = {name: np.array([getattr(part, name) for part in parts], np.float64) for name in _NUMBERS}
 
     def poses(self, stamp_ns: int, clear: Array | None = None, radius: float = 0.0) -> Array:
         """Return T_world_part (P, 4, 4) at an instant.
@@ -75,7 +75,7 @@ class Traffic:
         swing = p["swing"] * np.sin(p["wave"] * way + p["phase"]) + p["roll"] * way
         rotation = _turns(yaw, 0, 1)
         T[:, :3, :3] = rotation @ _turns(swing, 2, 0)
-        T[:, :2, 3], T[:, 2, 3], T[:, 3, 3] = (front + back) / 2, self._heights(), 1.0
+        T[:, :2, 3], T[:, 2, 3], T[:, 3, 3] = (front + back) / 2, self._heights, 1.0
         pivot = self._parts["pivot"][..., None]
         T[:, :3, 3] += (rotation @ pivot - T[:, :3, :3] @ pivot)[..., 0]
         if clear is not None:
@@ -88,9 +88,6 @@ class Traffic:
             here = self._loop_of == number
             points[here] = loop.at(way[here])
         return points
-
-    def _heights(self) -> Array:
-        return np.array([loop.z for loop in self.loops])[self._loop_of]
 
     def _is_near(self, T: Array, yaw: Array, clear: Array, radius: float) -> Flags:
         """Whether any part of an actor is near one of the points, (P,)."""
@@ -112,11 +109,6 @@ def _turns(angles: Array, first: int, second: int) -> Array:
     R[:, first, first] = R[:, second, second] = np.cos(angles)
     R[:, second, first], R[:, first, second] = np.sin(angles), -np.sin(angles)
     return R
-
-
-def _reach(part: RigidPart) -> float:
-    """Return how far a part extends forward or back of its place, m."""
-    return float(np.abs(part.mesh.triangles[..., 0]).max())
 
 
 def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:

@@ -16,14 +16,11 @@ def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
     assert found.tolist() == [[0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 0, 0]]
 
 
-def test_a_shadow_is_drawn_and_taken_away():
-    still = np.full((40, 40), 9.0, np.float32)
-    shadow, windows = still.copy(), np.empty((1, 4), np.int32)
+def test_a_shadow_is_drawn():
+    shadow = np.full((40, 40), 9.0, np.float32)
     triangle = np.array([[[1.0, 1.0, 4.0], [3.0, 1.0, 4.0], [1.0, 3.0, 5.0]]], np.float32)
-    kernels.cast_shadows(triangle, np.eye(3), np.zeros(2), 0.1, windows, shadow)
+    kernels.cast_shadows(triangle, np.eye(3), np.zeros(2), 0.1, shadow)
     assert shadow[15, 15] == pytest.approx(4.25)  # row y, column x; the depth rises with y
     assert shadow[29, 29] == 9.0  # beyond the long side
     assert shadow[5, 15] == 9.0
     assert (shadow < 9.0).sum() == pytest.approx(200, rel=0.2)  # 2 m^2 in texels, and a fringe
-    kernels.erase_shadows(windows, still, shadow)
-    np.testing.assert_array_equal(shadow, still)

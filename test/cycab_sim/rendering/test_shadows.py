@@ -1,20 +1,20 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
-from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.rendering.sky import light_at
-from cycab_sim.sensors.cameras import OPTICAL
-from sphere_nav.geometry import SE3, Pinhole
+from cycab_sim.rendering.embree import PacketScene
+from cycab_sim.rendering.shadows import ShadowMap
 
-QUICK = RenderParams(shadow_texel=0.25)
-NEAR = (-14.0, -14.0, 14.0, 14.0)  # of the box: shadows no further
+SUN = np.array([0.6, 0.0, 0.8])
+FLYING = np.array([[[-6.0, -6.0, 9.0], [-5.0, -6.0, 9.0], [-6.0, -5.0, 9.0]]], np.float32)
 
 
-def test_a_sun_put_elsewhere_is_as_if_it_had_been_there(box_mesh):
-    east, west = LightParams(sun="0,43"), LightParams(sun="180,43")
-    moved, there = Renderer(box_mesh, QUICK, east, bounds=NEAR), Renderer(box_mesh, QUICK, west, bounds=NEAR)
-    before = moved._shadows.depths
-    moved.illuminate(light_at(west, 0.0, 1))
-    assert not np.array_equal(before, moved._shadows.depths)
-    camera, pose = Pinhole(60, 40, 40.0, 40.0, 29.5, 19.5), SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])
-    np.testing.assert_array_equal(moved.render(camera, pose)[0], there.render(camera, pose)[0])
+def test_a_shadow_goes_with_what_casts_it(box_mesh):
+    with ThreadPoolExecutor(1) as pool:
+        shadows = ShadowMap(PacketScene(box_mesh.triangles), (28.0, 0.25), SUN, np.zeros(3), pool)
+        still = shadows.still.copy()
+        shadows.draw(FLYING)
+        first = shadows.depths < still
+        shadows.draw(FLYING + np.float32([0.0, 3.0, 0.0]))
+    assert 4 < first.sum() < 40  # half a square metre in texels, and a fringe
+    np.testing.assert_array_equal(shadows.depths[first], still[first])

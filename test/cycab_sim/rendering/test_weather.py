@@ -52,7 +52,7 @@ def weather_of(season, light=None, noise=0.0):
     mesh.panels([[[-50, -50, HEIGHT], [50, -50, HEIGHT], [50, 50, HEIGHT], [-50, 50, HEIGHT]]], ASPHALT)
     built = mesh.build()
     sky = ShadowMap(PacketScene(built.triangles), (1.0, 0.0), np.array([0.0, 0.0, 1.0]), np.zeros(3), POOL)  # open
-    weather = Weather(built, built, light or LightParams(), season, sky)
+    weather = Weather(built, light or LightParams(), season, sky)
     weather._noise = lambda *_: np.full(3, noise, np.float32)
     down = np.array([0.2, 0.5, 0.9])
     rays = np.stack([0.6 * np.sqrt(1 - down**2), 0.8 * np.sqrt(1 - down**2), -down], axis=1).astype(np.float32)

@@ -87,7 +87,7 @@ def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
     assert scan.angle_min + 540 * scan.angle_increment == pytest.approx(scan.angle_max)
     points = scan_to_points(scan)
     assert len(points) > 30  # a street
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan()[np.isfinite(scan.ranges)])
 
 
 def test_delayed_outputs_come_later_with_their_stamps_and_in_order(small_params):

@@ -41,7 +41,7 @@ def test_a_leaning_car_feels_turn_and_pull_along_its_own_axes():
     for _ in range(3):
         before, pose = pose, pose @ SE3.exp(0.01 * np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.3]))
         imu.step(before, pose, 0.01)
-    reading = imu.read(pose, 0, 0)
+    reading = imu.read(pose, 0)
     np.testing.assert_allclose(reading.angular_rate, [0.0, 0.0, 0.3], atol=1e-9)
     turn, arm = np.array([0.0, 0.0, 0.3]), imu.T_base_imu.translation
     pull = np.cross(turn, np.array([1.5, 0.0, 0.0]) + np.cross(turn, arm))  # of half a step earlier in heading
@@ -72,7 +72,7 @@ def test_noise_and_bias_have_the_sizes_asked_for():
     still = SE3.from_planar(0.0, 0.0, 0.5)
     imu = Imu(ImuParams(), 3, errors)
     imu.step(still, still, 0.01)
-    readings = [imu.read(still, i, 0) for i in range(2000)]
+    readings = [imu.read(still, i) for i in range(2000)]
     force = np.array([reading.acceleration for reading in readings])
     rate = np.array([reading.angular_rate for reading in readings])
     assert force.std(axis=0) == pytest.approx([0.05] * 3, rel=0.08)  # 5 sigma of 2000 draws
@@ -83,5 +83,5 @@ def test_noise_and_bias_have_the_sizes_asked_for():
     for seed in range(200):
         imu = Imu(ImuParams(), seed, errors)
         imu.step(still, still, 0.01)
-        offsets.append(imu.read(still, 0, 0).acceleration - [0, 0, GRAVITY])
+        offsets.append(imu.read(still, 0).acceleration - [0, 0, GRAVITY])
     assert np.std(offsets) == pytest.approx(math.hypot(0.3, 0.05), rel=0.15)  # 5 sigma of 600 draws

@@ -45,9 +45,9 @@ def test_a_network_comes_back_from_its_file_however_its_edges_may_be_driven(tmp_
     ways = {10: (True, False), 11: (True, True), 12: (False, True)}
     edges = {i: RouteEdge(i, 1, 2, curve, *way) for i, way in ways.items()}
     nodes = {1: Pose2(0.0, 0.0, 0.0997), 2: Pose2(3.1, 0.31, 0.0997)}
-    write_network(tmp_path / "routes.geojson", Network(nodes, edges, {"gate": 2}, "campus", "hall"))
+    write_network(tmp_path / "routes.geojson", Network(nodes, edges, {"gate": 2}, "campus"))
     found, text = read_network(network_path(tmp_path)), (tmp_path / "routes.geojson").read_text()
-    assert (found.nodes, found.places, found.map_id, found.frame) == (nodes, {"gate": 2}, "campus", "hall")
+    assert (found.nodes, found.places, found.map_id) == (nodes, {"gate": 2}, "campus")
     for i, edge in found.edges.items():
         assert (edge.start, edge.end, edge.is_forward, edge.is_reverse) == (1, 2, *ways[i])
         np.testing.assert_allclose(edge.curve.columns, curve.columns, atol=1e-4)
