@@ -27,8 +27,8 @@ from sphere_mapping.acquisition.constants import (
     OVERLAP_GRID,
     VERY_FAR_M,
 )
-from sphere_mapping.acquisition.stitching.strips import Block
-from sphere_mapping.acquisition.stitching.views import RigView, block_around
+from sphere_mapping.acquisition.stitching.strips import Block, block_around
+from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -76,7 +76,7 @@ class Overlaps:
         self.pairs = []
         for a, b in combinations(range(len(rig_views)), 2):
             both = is_inside[a] & is_inside[b]
-            block = block_around(both, OVERLAP_GRID, 1, 0, 1)
+            block = block_around(both)
             if block is not None and (number := np.count_nonzero(both & is_even)) >= MIN_SHARED:
                 chosen = np.argwhere(block.cut(both & is_even))[:: -(-number // MAX_SHARED)].astype(np.int32)
                 own_angles = (block.cut(angles[a])[*chosen.T], block.cut(angles[b])[*chosen.T])

@@ -26,6 +26,11 @@ class Block:
     height: int
     width: int
 
+    def slices(self, row: int = 0, column: int = 0) -> tuple[slice, slice]:
+        """Return its rows and columns in an array that begins at (row, column) and does not wrap around."""
+        top, left = self.row - row, self.column - column
+        return slice(top, top + self.height), slice(left, left + self.width)
+
     def at(self, level: int) -> Block:
         """Return the block in a pyramid level."""
         return Block(self.row >> level, self.column >> level, self.height >> level, self.width >> level)
@@ -40,23 +45,24 @@ class Block:
             place += parts[-1].shape[1]
         return np.concatenate(parts, axis=1)
 
-    def places_of(self, wanted: Block, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return which rows and columns of this block are those of another one; beyond what it has, its border.
 
-        width: columns of the sphere.
-        """
-        columns = (np.arange(wanted.width) + wanted.column - self.column) % width
-        is_beyond = columns >= self.width
-        columns[is_beyond] = np.where(2 * columns[is_beyond] < self.width + width, self.width - 1, 0)
-        return np.clip(np.arange(wanted.height) + wanted.row - self.row, 0, self.height - 1), columns
+def block_around(is_wanted: Flags) -> Block | None:
+    """Return the smallest block that holds all wanted pixels (H, W) of a sphere; None without any."""
+    if not is_wanted.any():
+        return None
+    rows, columns = (np.flatnonzero(is_wanted.any(axis=axis)) for axis in (1, 0))
+    gaps = np.diff(columns, append=columns[0] + is_wanted.shape[1])
+    widest = int(np.argmax(gaps))
+    first = int(columns[(widest + 1) % columns.size])
+    return Block(int(rows[0]), first, int(np.ptp(rows)) + 1, is_wanted.shape[1] - int(gaps[widest]) + 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A block of the sphere in which views mix; of it, `inner` (rows, columns of the block) is shown."""
+    """A block of the sphere in which views mix, and the part of it that is shown."""
 
     block: Block
-    inner: tuple[slice, slice]
+    shown: Block
     shares: tuple[Share, ...]
 
     def part(self, share: Share) -> Block:
@@ -85,9 +91,13 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
     found = []
     for rows in _bands(owner.shape[0], 1 << num_bands):
         for first, last in _runs(np.any(mixed[rows], axis=0), 2 * margin, 1 << num_bands):
-            block, inner = _with_margin(rows, first, last, owner.shape, margin)
+            top, bottom = max(rows.start - margin, 0), min(rows.stop + margin, owner.shape[0])
+            # one view has a run's ends to itself; a whole round has none
+            side = margin if last - first == owner.shape[1] else 0
+            block = Block(top, first - side, bottom - top, last - first + 2 * side)
+            shown = Block(rows.start, first, rows.stop - rows.start, last - first)
             shares = [share for k, levels in weights.items() for share in _shares(k, levels, block, margin)]
-            found.append(Strip(block, inner, tuple(shares)))
+            found.append(Strip(block, shown, tuple(shares)))
     return tuple(found)
 
 
@@ -156,12 +166,3 @@ def _runs(columns: Flags, gap: int, align: int) -> list[tuple[int, int]]:
         begin, end = int(first) // align * align, -(-(int(last) + 1) // align) * align
         found.append((begin, end if end > begin else end + width))
     return found
-
-
-def _with_margin(
-    rows: slice, first: int, last: int, shape: tuple[int, ...], margin: int
-) -> tuple[Block, tuple[slice, slice]]:
-    top, bottom = max(rows.start - margin, 0), min(rows.stop + margin, shape[0])
-    side = margin if last - first == shape[1] else 0  # one view has a run's ends to itself; a whole round has none
-    block = Block(top, (first - side) % shape[1], bottom - top, last - first + 2 * side)
-    return block, (slice(rows.start - top, rows.stop - top), slice(side, side + last - first))
