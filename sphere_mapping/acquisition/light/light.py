@@ -16,7 +16,6 @@ from threading import Lock
 import cv2
 import numpy as np
 from scipy.optimize import lsq_linear
-from scipy.sparse import csr_array
 
 from sphere_mapping.acquisition.constants import (
     CORRELATED_DIRECTIONS,
@@ -32,8 +31,8 @@ from sphere_mapping.acquisition.constants import (
     MIN_FALLOFF,
     NUM_INSTANTS,
     RATIO_STD,
+    WHITE,
 )
-from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, off_axis
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.estimation.robust import cauchy_weights
@@ -80,7 +79,7 @@ class Falloff:
     def update(self, seen: PairRatios, num_exposures: int) -> None:
         """Add what an instant says; its exposures are eliminated."""
         size = len(self._vector)
-        rows = csr_array(np.hstack([self._powers(seen), design(seen, num_exposures)]))  # at most 8 of a row are not 0
+        rows = np.hstack([self._powers(seen), design(seen, num_exposures)])
         prior = np.zeros((rows.shape[1], rows.shape[1]))
         prior[:size, :size] = self._matrix
         prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
@@ -97,8 +96,8 @@ class Falloff:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
         prior, free = np.eye(num_exposures) / EXPOSURE_STD**2, np.full(num_exposures, np.inf)
-        rows = csr_array(design(seen, num_exposures))
-        values = descend(rows, ratio, seen.std, (prior, np.zeros(num_exposures)), (-free, free))[2]
+        rows, none = design(seen, num_exposures), np.zeros(num_exposures)
+        values = descend(rows, ratio, seen.std, (prior, none), (-free, free))[2]
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
@@ -118,15 +117,15 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
 
 
 def descend(
-    rows: csr_array, ratio: Array, std: Array, prior: tuple[Array, Array], bounds: tuple[Array, Array]
+    rows: Array, ratio: Array, std: Array, prior: tuple[Array, Array], bounds: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
     """Return normal matrix and vector of ratios (N,) by rows (N, M), Cauchy's loss narrowed, and what solves them."""
     values: Array = np.zeros(rows.shape[1])
     for scale in LOSS_SCALES:
         errors = (ratio - rows @ values) / std
         weight = cauchy_weights(np.square(errors / scale)) / (CORRELATED_DIRECTIONS * np.square(std))
-        weighted = rows.multiply(weight[:, None]).T
-        matrix, vector = prior[0] + (weighted @ rows).toarray(), prior[1] + weighted @ ratio
+        weighted = rows.T * weight
+        matrix, vector = prior[0] + weighted @ rows, prior[1] + weighted @ ratio
         values = _solve(matrix, vector, *bounds)
     return matrix, vector, values
 
@@ -135,6 +134,18 @@ def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
     """Return the minimum of x' M x / 2 - t' x within bounds."""
     upper = np.linalg.cholesky(matrix).T
     return lsq_linear(upper, np.linalg.solve(upper.T, target), (low, high), method="bvls").x
+
+
+def apply_gain(image: Bytes, gain: Array) -> Bytes:
+    """Return the image (h, w[, 3]) times its gain (channels,); what is white stays white."""
+    if np.all(np.abs(gain - 1.0) < 1e-3):
+        return image
+    before = np.arange(256)[:, None]
+    after = before * gain
+    rise = (before - WHITE) / (255 - WHITE)
+    after = np.where((rise > 0) & (gain < 1.0), WHITE * gain + rise * (255 - WHITE * gain), after)
+    levels = np.clip(np.rint(after), 0, 255).astype(np.uint8)
+    return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
 Learned = tuple[Falloff, dict[str, Floats]]
@@ -183,21 +194,22 @@ class Light:
         gains = np.ones((len(self._kinds), channels))
         shared = self._overlaps.compare({k: images[name] for k, name in enumerate(self._names) if name in images})
         if shared:
-            seen = self._comparison(shared)
+            seen = [self._comparison(shared, color) for color in range(channels)]
             with self._lock:
                 if self._num_seen < NUM_INSTANTS:
-                    self._learn(seen)
-            gains = self._gains(seen, shared, channels)
+                    self._learn(self._comparison(shared, slice(None)))
+            gains = self._gains(seen)
             gains *= self._headroom(images, gains)
         found = {name: gains[self._group[self._names.index(name)]] for name in images}
         return {name: self._apply(image, name, found[name]) for name, image in images.items()}, found
 
-    def _comparison(self, shared: Sequence[Shared]) -> PairRatios:
-        """Return what all overlaps say of grey levels: the mean of the logarithms of their colours."""
+    def _comparison(self, shared: Sequence[Shared], colors: int | slice) -> PairRatios:
+        """Return what all overlaps say of grey levels: the mean of the logarithms of some of their colours."""
         sizes = [len(pair.levels[0]) for pair in shared]
         cameras = np.repeat(np.transpose([(pair.first, pair.second) for pair in shared]), sizes, axis=1)
         angles = np.concatenate([pair.angles for pair in shared], axis=1)
-        logs = np.concatenate([np.log(pair.levels).mean(axis=2) for pair in shared], axis=1)
+        logs = np.concatenate([np.log(pair.levels) for pair in shared], axis=1)[..., colors]
+        logs = logs.reshape(*logs.shape[:2], -1).mean(axis=2)
         squares = np.square(angles / np.array(self._largest)[cameras])
         return PairRatios(cameras, np.array(self._group)[cameras], squares, logs[0] - logs[1], std_of(*np.exp(logs)))
 
@@ -215,20 +227,11 @@ class Light:
         self._coarse[name] = factor
         self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
 
-    def _gains(self, seen: PairRatios, shared: Sequence[Shared], channels: int) -> Array:
+    def _gains(self, seen: Sequence[PairRatios]) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
-        number, most = len(self._kinds), 0.5 * np.log(self._max_gain)
-        gray = np.clip(-self.falloff.exposures(seen, number), -most, most)
-        ratios = []
-        for pair in shared:
-            groups = self._group[pair.first], self._group[pair.second]
-            if groups[0] != groups[1]:
-                logs = np.log(pair.levels[0] / pair.levels[1])
-                weight = 1.0 / np.square(std_of(pair.levels[0].min(axis=1), pair.levels[1].min(axis=1)))
-                ratios.append((*groups, _median(logs - logs.mean(axis=1, keepdims=True), weight)))
-        color = log_gains(ratios, number, channels)
-        most = np.log(MAX_WHITE_BALANCE)
-        return np.exp(gray[:, None] + np.clip(color - color.mean(axis=1, keepdims=True), -most, most))
+        logs = np.column_stack([-self.falloff.exposures(color, len(self._kinds)) for color in seen])
+        gray, most, apart = logs.mean(axis=1, keepdims=True), 0.5 * np.log(self._max_gain), np.log(MAX_WHITE_BALANCE)
+        return np.exp(np.clip(gray, -most, most) + np.clip(logs - gray, -apart, apart))
 
     def _headroom(self, images: Mapping[str, Bytes], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
@@ -245,14 +248,6 @@ class Light:
             return even
         factor = factor if image.ndim == 2 else cv2.merge([factor] * 3)
         return cv2.multiply(even, factor, dtype=cv2.CV_8U).astype(np.uint8)
-
-
-def _median(values: Array, weight: Array) -> Array:
-    """Return the weighted median (channels,) of values (N, channels)."""
-    order = np.argsort(values, axis=0)
-    share = np.cumsum(weight[order], axis=0) / weight.sum()
-    at = np.argmax(share >= 0.5, axis=0)
-    return np.take_along_axis(values, np.take_along_axis(order, at[None], axis=0), axis=0)[0]
 
 
 def _angles(rig_view: RigView) -> tuple[Array, float]:
