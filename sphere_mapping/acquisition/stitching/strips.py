@@ -96,49 +96,44 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
             side = margin if last - first == owner.shape[1] else 0
             block = Block(top, first - side, bottom - top, last - first + 2 * side)
             shown = Block(rows.start, first, rows.stop - rows.start, last - first)
-            shares = [share for k, levels in weights.items() for share in _shares(k, levels, block, margin)]
+            shares = [share for k in range(number) for share in _shares(k, weights, block, margin)]
             found.append(Strip(block, shown, tuple(shares)))
     return tuple(found)
 
 
-def _shares(view: int, levels: Sequence[Floats], block: Block, margin: int) -> Iterator[Share]:
-    """Yield where a view whose weights (H >> l, W >> l) of the sphere are given has a share in a block."""
-    own = [block.at(level).cut(weight) for level, weight in enumerate(levels)]
+def _shares(view: int, weights: Sequence[Floats], block: Block, margin: int) -> Iterator[Share]:
+    """Yield where a view has a share in a block; weights: as of `_weights`."""
+    own = [block.at(level).cut(weight[view]) for level, weight in enumerate(weights)]
     has_share = np.any([np.repeat(weight.any(axis=0), 1 << level) for level, weight in enumerate(own)], axis=0)
-    at, align = np.flatnonzero(has_share), 1 << (len(own) - 1)
-    for part in np.split(at, np.flatnonzero(np.diff(at) > 2 * margin) + 1) if at.size else ():
-        first = max(int(part[0]) - margin, 0) // align * align
-        last = min(-(-(int(part[-1]) + 1 + margin) // align) * align, block.width)
-        weights = (np.ascontiguousarray(weight[:, first >> k : last >> k]) for k, weight in enumerate(own))
-        yield Share(view, slice(first, last), tuple(weights))
+    apart = np.zeros(2 * margin + 1, np.bool_)  # a block does not go around
+    for first, last in _runs(np.append(has_share, apart), 2 * margin, 1 << (len(own) - 1)):
+        first, last = max(first - margin, 0), min(last + margin, block.width)
+        parts = (np.ascontiguousarray(weight[:, first >> k : last >> k]) for k, weight in enumerate(own))
+        yield Share(view, slice(first, last), tuple(parts))
 
 
-def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Floats]]:
-    """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
-    pyramids = {}
-    for k in range(number):
-        levels = [(owner == k).astype(np.float32)]
-        for _ in range(num_bands):
-            levels.append(halve_image(levels[-1], is_whole=True))
-        pyramids[k] = levels
-    for level in range(num_bands + 1):
-        total = np.sum([levels[level] for levels in pyramids.values()], axis=0)
-        for levels in pyramids.values():
-            levels[level] = np.where(total > 1e-3, levels[level] / np.maximum(total, 1e-3), np.float32(0.0))
-    return pyramids
+def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> list[Floats]:
+    """Return the share (views, H >> l, W >> l) of each view in each band: its region, blurred; 1 in all if covered."""
+    levels = [np.stack([(owner == k).astype(np.float32) for k in range(number)])]
+    for _ in range(num_bands):
+        levels.append(np.stack([halve_image(plane, is_whole=True) for plane in levels[-1]]))
+    totals = [level.sum(axis=0) for level in levels]
+    return [
+        np.where(total > 1e-3, level / np.maximum(total, np.float32(1e-3)), np.float32(0.0))
+        for level, total in zip(levels, totals, strict=True)
+    ]
 
 
-def _mix(weights: dict[int, list[Floats]]) -> Flags:
+def _mix(weights: Sequence[Floats]) -> Flags:
     """Return the pixels (H, W) that more than one view has a share in, through any band."""
-    found: Flags | None = None
-    for level in reversed(range(len(weights[0]))):
-        highest = np.max([levels[level] for levels in weights.values()], axis=0)
+    found: Flags = np.zeros((0, 0), np.bool_)
+    for level in reversed(weights):
+        highest = level.max(axis=0)
         here = (highest > 0) & (highest < ALONE)
-        if found is not None:
+        if found.size:
             padded = around(twice(found.astype(np.uint8)), 2, is_whole=True)
             here |= cv2.dilate(padded, np.ones((5, 5), np.uint8))[:, 2:-2][: here.shape[0], : here.shape[1]] > 0
         found = here
-    assert found is not None
     return found
 
 

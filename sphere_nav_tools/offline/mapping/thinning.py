@@ -28,10 +28,12 @@ def thin_map(
     told = []
     if mapper.params.key.merge:
         merged = merge(graph, positions, known.graph.nodes if known is not None else (), new)
-        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] * bool(merged.replaced)
-        graph = merged.graph
+        num_left = len(graph) - len(merged)
+        told += [f"{num_left} key spheres merged with others of their places"] * bool(num_left)
+        graph = merged
     if budget is not None:
         is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
-        graph, num_left = thin(graph, budget, is_whole=is_whole)
+        thinned = thin(graph, budget, is_whole=is_whole)
+        num_left, graph = len(graph) - len(thinned), thinned
         told += [f"{num_left} key spheres left for the budget"] * bool(num_left)
     return graph, told
