@@ -262,7 +262,7 @@ def find_places(
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
-        apart = [away(T, node.region_radius_m or 1.0, load_base(node.id).is_whole) for T in motions]
+        apart = [away(T, node.region_radius_m or 1.0, load_base(node.id).camera.is_whole) for T in motions]
         best = int(np.argmin(apart))
         located = images[best].located
         if apart[best] <= MAX_AWAY and not (located is not None and located.is_sure):
@@ -303,7 +303,7 @@ def _fit_all(a: RangeImage, b: RangeImage) -> list[RangeFit]:
 
 def guess_headings(a: RangeImage, b: RangeImage) -> Array:
     """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
-    if not (a.is_whole and b.camera == a.camera):
+    if not (a.camera.is_whole and b.camera == a.camera):
         return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
     one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
     spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))

@@ -16,6 +16,7 @@ from threading import Lock
 import cv2
 import numpy as np
 from scipy.optimize import lsq_linear
+from scipy.sparse import block_diag, csr_array, hstack
 
 from sphere_mapping.acquisition.constants import (
     CORRELATED_DIRECTIONS,
@@ -39,6 +40,7 @@ from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
 
 NUM_POWERS = 3
+LIMITS = (LEAST_COEFFICIENT, -np.inf), (0.0, np.inf)  # of a coefficient, and of an exposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,47 +65,41 @@ def falloff(coefficients: Array, squares: Array) -> Array:
 
 
 class Falloff:
-    """The falloff of all cameras: what instants have said of it so far, as a normal matrix.
+    """The falloff of all cameras, by what instants have said of it so far.
 
     kinds: (number of cameras,), equal where lenses are of one kind.
     """
 
     def __init__(self, kinds: Sequence[object]) -> None:
-        size = NUM_POWERS * len(kinds)
         self.coefficients = np.zeros((len(kinds), NUM_POWERS))
         alike = np.array([[one == other for other in kinds] for one in kinds], np.float64)
         apart = np.diag(alike.sum(axis=1)) - alike  # x' apart x: squared differences of lenses of one kind
-        self._matrix = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
-        self._vector = np.zeros(size)
+        size = self.coefficients.size
+        self._prior = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
+        self._seen: list[PairRatios] = []
 
     def update(self, seen: PairRatios, num_exposures: int) -> None:
-        """Add what an instant says; its exposures are eliminated."""
-        size = len(self._vector)
-        rows = np.hstack([self._powers(seen), design(seen, num_exposures)])
-        prior = np.zeros((rows.shape[1], rows.shape[1]))
-        prior[:size, :size] = self._matrix
-        prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
-        vector = np.concatenate([self._vector, np.zeros(num_exposures)])
-        low = np.concatenate([np.full(size, LEAST_COEFFICIENT), np.full(num_exposures, -np.inf)])
-        high = np.concatenate([np.zeros(size), np.full(num_exposures, np.inf)])
-        matrix, target, _ = descend(rows, seen.ratio, seen.std, (prior, vector), (low, high))
-        inner = np.linalg.solve(matrix[size:, size:], np.column_stack([matrix[size:, :size], target[size:]]))
-        self._matrix = matrix[:size, :size] - matrix[:size, size:] @ inner[:, :-1]
-        self._vector = target[:size] - matrix[:size, size:] @ inner[:, -1]
-        self.coefficients = _solve(self._matrix, self._vector, low[:size], high[:size]).reshape(-1, NUM_POWERS)
+        """Add what an instant says, whose exposures are its own."""
+        self._seen.append(seen)
+        exposures = block_diag([design(one, num_exposures) for one in self._seen], format="csr")
+        rows = hstack([np.concatenate([self._powers(one) for one in self._seen]), exposures], format="csr")
+        ratio, std = (np.concatenate([getattr(one, name) for one in self._seen]) for name in ("ratio", "std"))
+        size, count = self.coefficients.size, exposures.shape[1]
+        prior = block_diag([self._prior, np.eye(count) / EXPOSURE_STD**2]).toarray()
+        low, high = (np.concatenate([np.full(size, end), np.full(count, far)]) for end, far in LIMITS)
+        self.coefficients = descend(rows, ratio, std, prior, (low, high))[:size].reshape(-1, NUM_POWERS)
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
         prior, free = np.eye(num_exposures) / EXPOSURE_STD**2, np.full(num_exposures, np.inf)
-        rows, none = design(seen, num_exposures), np.zeros(num_exposures)
-        values = descend(rows, ratio, seen.std, (prior, none), (-free, free))[2]
+        values = descend(csr_array(design(seen, num_exposures)), ratio, seen.std, prior, (-free, free))
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
         """Return the derivatives (N, cameras * NUM_POWERS) of the ratios by all coefficients."""
         powers = np.stack([seen.squares[k] ** power for k in range(2) for power in range(1, NUM_POWERS + 1)], axis=-1)
-        found = np.zeros((seen.ratio.size, len(self._vector) // NUM_POWERS, NUM_POWERS))
+        found = np.zeros((seen.ratio.size, *self.coefficients.shape))
         at = np.arange(seen.ratio.size)
         found[at, seen.cameras[0]] += powers[:, :NUM_POWERS]
         found[at, seen.cameras[1]] -= powers[:, NUM_POWERS:]
@@ -116,24 +112,18 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     return alone[seen.exposures[0]] - alone[seen.exposures[1]]
 
 
-def descend(
-    rows: Array, ratio: Array, std: Array, prior: tuple[Array, Array], bounds: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Return normal matrix and vector of ratios (N,) by rows (N, M), Cauchy's loss narrowed, and what solves them."""
+def descend(rows: csr_array, ratio: Array, std: Array, prior: Array, bounds: tuple[Array, Array]) -> Array:
+    """Return what explains ratios (N,) by rows (N, M) best, Cauchy's loss narrowed.
+
+    prior: information (M, M) about 0.
+    """
     values: Array = np.zeros(rows.shape[1])
     for scale in LOSS_SCALES:
-        errors = (ratio - rows @ values) / std
-        weight = cauchy_weights(np.square(errors / scale)) / (CORRELATED_DIRECTIONS * np.square(std))
-        weighted = rows.T * weight
-        matrix, vector = prior[0] + weighted @ rows, prior[1] + weighted @ ratio
-        values = _solve(matrix, vector, *bounds)
-    return matrix, vector, values
-
-
-def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
-    """Return the minimum of x' M x / 2 - t' x within bounds."""
-    upper = np.linalg.cholesky(matrix).T
-    return lsq_linear(upper, np.linalg.solve(upper.T, target), (low, high), method="bvls").x
+        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * std))) / (CORRELATED_DIRECTIONS * std**2)
+        upper = np.linalg.cholesky(prior + (rows.T @ rows.multiply(weight[:, None])).toarray()).T
+        target = np.linalg.solve(upper.T, rows.T @ (weight * ratio))
+        values = lsq_linear(upper, target, bounds, method="bvls").x
+    return values
 
 
 def apply_gain(image: Bytes, gain: Array) -> Bytes:
@@ -148,7 +138,7 @@ def apply_gain(image: Bytes, gain: Array) -> Bytes:
     return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
-Learned = tuple[Falloff, dict[str, Floats]]
+Learned = tuple[Array, dict[str, Floats]]  # coefficients of the falloff, and `Light._coarse`
 
 
 class Light:
@@ -179,11 +169,11 @@ class Light:
     @property
     def learned(self) -> Learned:
         """What other processes need to go on alike."""
-        return self.falloff, dict(self._coarse)
+        return self.falloff.coefficients, dict(self._coarse)
 
     def resume(self, learned: Learned) -> None:
         """Take over what another one has learned, all of it."""
-        self.falloff, factors = learned
+        self.falloff.coefficients, factors = learned
         self._num_seen = NUM_INSTANTS
         for name, factor in factors.items():
             self._use(name, factor)

@@ -46,17 +46,6 @@ class Block:
         return np.concatenate(parts, axis=1)
 
 
-def block_around(is_wanted: Flags) -> Block | None:
-    """Return the smallest block that holds all wanted pixels (H, W) of a sphere; None without any."""
-    if not is_wanted.any():
-        return None
-    rows, columns = (np.flatnonzero(is_wanted.any(axis=axis)) for axis in (1, 0))
-    gaps = np.diff(columns, append=columns[0] + is_wanted.shape[1])
-    widest = int(np.argmax(gaps))
-    first = int(columns[(widest + 1) % columns.size])
-    return Block(int(rows[0]), first, int(np.ptp(rows)) + 1, is_wanted.shape[1] - int(gaps[widest]) + 1)
-
-
 @dataclass(frozen=True, eq=False)
 class Strip:
     """A block of the sphere in which views mix, and the part of it that is shown."""

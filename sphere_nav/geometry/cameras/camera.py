@@ -23,6 +23,11 @@ class Camera(Protocol):
 
     model: ClassVar[str]
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it sees in every direction, so that its columns wrap around."""
+        ...
+
     def __hash__(self) -> int:
         """Cameras are values: equal ones hash alike, so that tables made for one can be kept."""
         ...
@@ -111,6 +116,11 @@ class Focal(ABC):
     def pixels_per_radian(self) -> float:
         """Angular resolution on the optical axis."""
         return float(np.sqrt(self.fx * self.fy))
+
+    @property
+    def is_whole(self) -> bool:
+        """No plane is all around."""
+        return False
 
     @abstractmethod
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:

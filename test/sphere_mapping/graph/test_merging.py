@@ -6,6 +6,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 STEP = 1e-6
+NOWHERE = np.zeros((0, 3))
 
 
 def random_edge(rng, a, b):
@@ -68,7 +69,7 @@ def test_the_newer_of_two_spheres_of_a_place_leaves_and_its_edges_are_composed()
     assert np.linalg.inv(composed.information)[0, 0] == pytest.approx(2e-4)
 
 
-def left(graph, positions=np.zeros((0, 3)), **given):
+def left(graph, positions=NOWHERE, **given):
     """Ids of those that are not in the map any more."""
     return graph.nodes.keys() - merge(graph, positions, **given).nodes.keys()
 

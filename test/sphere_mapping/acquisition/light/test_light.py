@@ -56,6 +56,11 @@ def test_the_ratio_of_exposures_is_found_beside_the_falloff():
     np.testing.assert_allclose(gains["b"] / gains["a"], 200 / 140, rtol=0.02)
 
 
+def test_cameras_of_one_exposure_have_one_gain():
+    _, gains = light(groups={"a": "both", "b": "both"}).balance({"a": picture(), "b": picture()})
+    np.testing.assert_allclose([gains["a"], gains["b"]], 1.0)
+
+
 def test_a_color_departs_from_its_camera_by_the_bound_at_most():
     _, gains = light().balance({"a": picture(), "b": picture(colors=(1.0, 0.5, 1.0))})
     mean = np.log(2.0) / 6  # of the logarithms of three colours, half of it at either camera

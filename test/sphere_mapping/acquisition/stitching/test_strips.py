@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_mapping.acquisition.stitching.strips import Block, block_around, strips_of
+from sphere_mapping.acquisition.stitching.strips import strips_of
 
 WIDTH, HEIGHT = 1024, 512
 
@@ -37,14 +37,3 @@ def test_seams_lie_in_strips_that_do_not_overlap_and_whose_shares_make_one():
             for share in strip.shares:
                 total[:, share.columns.start >> level : share.columns.stop >> level] += share.weights[level]
             np.testing.assert_allclose(total, 1.0, atol=1e-5)
-
-
-def test_a_block_holds_what_is_wanted_round_the_back():
-    is_wanted = np.zeros((32, 64), bool)
-    assert block_around(is_wanted) is None
-    is_wanted[10:14, [62, 63, 0, 1]] = True
-    assert block_around(is_wanted) == Block(10, 62, 4, 4)
-    assert block_around(is_wanted).cut(is_wanted).all()
-    is_wanted[:] = True
-    block = block_around(is_wanted)
-    assert (block.row, block.height, block.width) == (0, 32, 64)
