@@ -223,9 +223,7 @@ def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int]
         own = RangeImage.from_sphere(drive.load(node.id))
         fits = [(one.id, fit) for one in spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
-        edges += [
-            Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.honest_covariance), is_loop=True) for a, fit in best
-        ]
+        edges += [Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.covariance), is_loop=True) for a, fit in best]
     found = agreeing(base, drive.graph, edges)
     is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
     found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
@@ -247,7 +245,7 @@ def refine_by_ranges(
         num_alike += ways is not None
         fit = ways and reconcile(*ways)
         if fit is not None:
-            found.append(edge_to_key(place.node.id, place.image.track, fit.T_a_b, fit.honest_covariance, np.zeros(6)))
+            found.append(edge_to_key(place.node.id, place.image.track, fit.T_a_b, fit.covariance, np.zeros(6)))
     return found, num_alike, len(places)
 
 

@@ -85,9 +85,10 @@ class RangeImage:
 class RangeFit:
     """T_a_b by the surfaces of `a`, its covariance (6, 6), and what speaks for it.
 
+    A range camera that bends space errs by the turn between two views: that is in the covariance, too.
     overlap: share of the points of `b` that fall on known ranges of `a`; agreement: share of these that lie there, of
     the surfaces that agree least.
-    sigma_m: the largest standard deviation of the position, also that of the attitude by the range.
+    sigma_m: the largest standard deviation of the position, also that of the attitude by the range; without that.
     """
 
     T_a_b: SE3
@@ -95,19 +96,11 @@ class RangeFit:
     overlap: float
     agreement: float
     sigma_m: float
-    typical_m: float  # median range
-    turn_rad: float  # between two views; 0 where one is all around
 
     @property
     def likeness(self) -> float:
         """Share of the points of `b` that lie on surfaces of `a`."""
         return self.overlap * self.agreement
-
-    @property
-    def honest_covariance(self) -> Array:
-        """The covariance (6, 6) and what a range camera that bends space adds, which errs by the turn."""
-        share = RANGE_TURN_SHARE * self.turn_rad
-        return self.covariance + np.diag(np.repeat([share * self.typical_m, share], 3) ** 2)
 
     @property
     def is_good(self) -> bool:
@@ -186,7 +179,8 @@ def assess_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     )
     has_turned = not (a.camera.is_whole or b.camera.is_whole)
     turn_rad = float(a.T_camera_body.distance(T_a_b @ b.T_camera_body)[1]) if has_turned else 0.0
-    return RangeFit(T_a_b, covariance, overlap, agreement, float(np.sqrt(variance)), typical_m, turn_rad)
+    bend = RANGE_TURN_SHARE * turn_rad * np.repeat([typical_m, 1.0], 3)
+    return RangeFit(T_a_b, covariance + np.diag(bend**2), overlap, agreement, float(np.sqrt(variance)))
 
 
 def measure_motion_by_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:

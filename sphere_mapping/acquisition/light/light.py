@@ -183,7 +183,7 @@ class Light:
         channels = 1 if next(iter(images.values())).ndim == 2 else 3
         gains = np.ones((len(self._kinds), channels))
         shared = self._overlaps.compare({k: images[name] for k, name in enumerate(self._names) if name in images})
-        if shared:
+        if shared is not None:
             seen = [self._comparison(shared, color) for color in range(channels)]
             with self._lock:
                 if self._num_seen < NUM_INSTANTS:
@@ -193,15 +193,12 @@ class Light:
         found = {name: gains[self._group[self._names.index(name)]] for name in images}
         return {name: self._apply(image, name, found[name]) for name, image in images.items()}, found
 
-    def _comparison(self, shared: Sequence[Shared], colors: int | slice) -> PairRatios:
+    def _comparison(self, shared: Shared, colors: int | slice) -> PairRatios:
         """Return what all overlaps say of grey levels: the mean of the logarithms of some of their colours."""
-        sizes = [len(pair.levels[0]) for pair in shared]
-        cameras = np.repeat(np.transpose([(pair.first, pair.second) for pair in shared]), sizes, axis=1)
-        angles = np.concatenate([pair.angles for pair in shared], axis=1)
-        logs = np.concatenate([np.log(pair.levels) for pair in shared], axis=1)[..., colors]
-        logs = logs.reshape(*logs.shape[:2], -1).mean(axis=2)
-        squares = np.square(angles / np.array(self._largest)[cameras])
-        return PairRatios(cameras, np.array(self._group)[cameras], squares, logs[0] - logs[1], std_of(*np.exp(logs)))
+        logs = np.log(shared.levels)[..., colors].reshape(*shared.cameras.shape, -1).mean(axis=2)
+        squares = np.square(shared.angles / np.array(self._largest)[shared.cameras])
+        groups = np.array(self._group)[shared.cameras]
+        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1], std_of(*np.exp(logs)))
 
     def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))

@@ -37,24 +37,22 @@ WINDOW = np.argwhere(np.ones((DETAIL_WINDOW, DETAIL_WINDOW))) - DETAIL_WINDOW //
 class Overlap:
     """Two cameras by number, and where (H, W) of the grid both see.
 
-    chosen: (N, 2), rows and columns of the directions that are compared; angles: theirs (N,) in rad.
+    chosen: (N, 2), rows and columns of the directions that are compared; angles: those (2, N) of both in rad.
     """
 
-    first: int
-    second: int
+    cameras: tuple[int, int]
     both: Flags
     chosen: Integers
-    angles: tuple[Array, Array]
+    angles: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What two cameras have in common: grey levels (M, channels) and angles (M,) rad of both."""
+    """What pairs of cameras have in common: their numbers (2, N), angles (2, N) in rad, levels (2, N, channels)."""
 
-    first: int
-    second: int
-    levels: tuple[Array, Array]
-    angles: tuple[Array, Array]
+    cameras: Integers
+    angles: Array
+    levels: Array
 
 
 class Overlaps:
@@ -78,10 +76,11 @@ class Overlaps:
             chosen = np.argwhere(both & is_even)
             if len(chosen) >= MIN_SHARED:
                 chosen = chosen[:: -(-len(chosen) // MAX_SHARED)]
-                self.pairs.append(Overlap(a, b, both, chosen, (angles[a][*chosen.T], angles[b][*chosen.T])))
+                own = np.stack([angles[k][*chosen.T] for k in (a, b)])
+                self.pairs.append(Overlap((a, b), both, chosen, own))
 
-    def compare(self, images: Mapping[int, Bytes]) -> list[Shared]:
-        """Return what pairs of the images (h, w[, 3]) by number of the camera have in common."""
+    def compare(self, images: Mapping[int, Bytes]) -> Shared | None:
+        """Return what pairs of the images (h, w[, 3]) by number of the camera have in common; None: nothing."""
         planes = {}
         for k, image in images.items():
             drawn = cv2.remap(_shrink(image, self._steps[k]), *self._maps[k], cv2.INTER_LINEAR)
@@ -89,15 +88,14 @@ class Overlaps:
         logs = {k: _mean_logarithm(plane) for k, plane in planes.items()}
         found, (low, high) = [], EXPOSED
         for pair in self.pairs:
-            if {pair.first, pair.second} <= set(images):
-                sides = (pair.first, pair.second)
-                fits = is_same_detail(logs[pair.first], logs[pair.second], pair.both, pair.chosen)
-                first, second = (planes[k][*pair.chosen[fits].T].astype(np.float64) for k in sides)
-                good = np.all((np.minimum(first, second) > low) & (np.maximum(first, second) < high), axis=1)
-                if np.count_nonzero(good) >= MIN_SHARED:
-                    angles = (pair.angles[0][fits][good], pair.angles[1][fits][good])
-                    found.append(Shared(*sides, (first[good], second[good]), angles))
-        return found
+            if set(pair.cameras) <= set(images):
+                fits = is_same_detail(*(logs[k] for k in pair.cameras), pair.both, pair.chosen)
+                levels = np.stack([planes[k][*pair.chosen[fits].T] for k in pair.cameras]).astype(np.float64)
+                good = np.all((levels > low) & (levels < high), axis=(0, 2))
+                if (number := np.count_nonzero(good)) >= MIN_SHARED:
+                    cameras = np.repeat(np.array(pair.cameras)[:, None], number, axis=1)
+                    found.append((cameras, pair.angles[:, fits][:, good], levels[:, good]))
+        return Shared(*(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))) if found else None
 
 
 def is_same_detail(first: Floats, second: Floats, both: Flags, chosen: Integers) -> Flags:
