@@ -13,6 +13,7 @@ metre, so the second of two that are nearer says only what is left. An image cou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,12 +92,12 @@ class JointEvidence:
 
 def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:
     """Return field[a, x, y] at [a + turn, x + shifts[a, 0], y + shifts[a, 1]]; 0 where nothing comes from."""
-    height, width = field.shape[-2:]
-    most = min(int(np.abs(shifts).max(initial=0)), max(height, width))  # farther away nothing is left
-    padded = np.pad(field, [*[(0, 0)] * (field.ndim - 2), (most, most), (most, most)])
-    moved = np.empty_like(field)
-    for a, (x, y) in enumerate((most - np.clip(shifts, -most, most)).tolist()):
-        moved[..., (a + turn) % len(shifts), :, :] = padded[..., a, x : x + height, y : y + width]
+    moved = np.zeros_like(field)
+    for a, shift in enumerate(shifts.tolist()):
+        sides = list(zip(shift, field.shape[-2:], strict=True))
+        to: Any = tuple(slice(max(step, 0), max(side + min(step, 0), 0)) for step, side in sides)
+        source: Any = tuple(slice(max(-step, 0), max(side - max(step, 0), 0)) for step, side in sides)
+        moved[(..., (a + turn) % len(shifts), *to)] = field[(..., a, *source)]
     return moved
 
 

@@ -30,3 +30,9 @@ def thin(graph: SphereGraph, num_experiences: int, *, is_whole: bool) -> SphereG
 def _is_least(node: KeySphere, found: dict[Experience, float]) -> bool:
     """Say whether no other experience at the place of a key sphere served less than its own."""
     return found[node.experience] <= min(found.values())
+
+
+def describe_loss(before: SphereGraph, after: SphereGraph, why: str) -> list[str]:
+    """Return in words how many key spheres a graph goes without, nothing where it is none."""
+    number = len(before) - len(after)
+    return [f"{number} key spheres {why}"] if number else []

@@ -40,7 +40,6 @@ from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
 
 NUM_POWERS = 3
-LIMITS = (LEAST_COEFFICIENT, -np.inf), (0.0, np.inf)  # of a coefficient, and of an exposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +85,8 @@ class Falloff:
         ratio, std = (np.concatenate([getattr(one, name) for one in self._seen]) for name in ("ratio", "std"))
         size, count = self.coefficients.size, exposures.shape[1]
         prior = block_diag([self._prior, np.eye(count) / EXPOSURE_STD**2]).toarray()
-        low, high = (np.concatenate([np.full(size, end), np.full(count, far)]) for end, far in LIMITS)
+        low, high = np.full(size + count, -np.inf), np.full(size + count, np.inf)
+        low[:size], high[:size] = LEAST_COEFFICIENT, 0.0
         self.coefficients = descend(rows, ratio, std, prior, (low, high))[:size].reshape(-1, NUM_POWERS)
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:

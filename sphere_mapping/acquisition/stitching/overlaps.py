@@ -89,7 +89,7 @@ class Overlaps:
         found, (low, high) = [], EXPOSED
         for pair in self.pairs:
             if set(pair.cameras) <= set(images):
-                fits = is_same_detail(*(logs[k] for k in pair.cameras), pair.both, pair.chosen)
+                fits = is_same_detail(logs[pair.cameras[0]], logs[pair.cameras[1]], pair.both, pair.chosen)
                 levels = np.stack([planes[k][*pair.chosen[fits].T] for k in pair.cameras]).astype(np.float64)
                 good = np.all((levels > low) & (levels < high), axis=(0, 2))
                 if (number := np.count_nonzero(good)) >= MIN_SHARED:

@@ -103,6 +103,7 @@ class Focal(ABC):
     fy: float
     cx: float
     cy: float
+    is_whole = False
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -116,11 +117,6 @@ class Focal(ABC):
     def pixels_per_radian(self) -> float:
         """Angular resolution on the optical axis."""
         return float(np.sqrt(self.fx * self.fy))
-
-    @property
-    def is_whole(self) -> bool:
-        """No plane is all around."""
-        return False
 
     @abstractmethod
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
