@@ -169,29 +169,29 @@ def find_first(
     if located:
         first = First(located, told)
         is_partly = len(located) < MIN_LOCATED_SHARE * len(drive.graph)
-        return (confirm_by_parts(base, drive, first) or first) if is_partly else first
+        return confirm_by_parts(base, drive, first) if is_partly else first
     if T_map_start is not None:
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
         start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
         given = First([start], f"{told}; a start was given", is_certain=False, is_given=True)
-        return confirm_by_parts(base, drive, given) or given
+        return confirm_by_parts(base, drive, given)
     joins = find_joins(base, drive, run)
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
     load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
     found = search_by_parts(base, drive, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
-    return (confirm_by_parts(base, drive, searched) or searched) if found else searched
+    return confirm_by_parts(base, drive, searched) if found else searched
 
 
-def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First | None:
-    """Return joins by parts of the images from where the drive is thought to be, beside certain ones; None of none."""
+def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First:
+    """Return joins by parts of the images from where the drive is thought to be, beside certain ones; else the same."""
     joined = join_graphs(base.graph, drive.graph, first.edges)
     found = refine_by_parts(base, drive, joined)
     told = f"{first.told}; parts of the images agree at {len(found)} of {len(drive.graph)} key spheres"
     edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found]) if found else []
-    return First(edges, told) if edges else None
+    return First(edges, told) if edges else first
 
 
 def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
