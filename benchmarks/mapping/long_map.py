@@ -124,13 +124,13 @@ def _judge(what: str, drive: Drive, report: Report, rows: list[tuple[str, ...]])
     ate = evaluate_poses(found, true, alignment="se3").report["translation_m"]["rmse"]
     loops = [edge for edge in graph.edges if edge.is_loop]
     false = num_false(loops, {node.id: drive.truth[node.stamp_ns] for node in graph}, FALSE_LOOP)
-    counts = (len(stamps), drive.num_lost, len(graph), len(merged.graph), len(loops))
+    counts = (len(stamps), drive.num_lost, len(graph), len(merged), len(loops))
     rows.append((what, *map(str, counts), f"{np.mean(drive.seconds):.2f}"))
     report.bounds += [
         Bound(f"{what}: drift of the chain at its end over its length", 0.5, 100 * _drift(graph, drive) / length, "%"),
         Bound(f"{what}: RMSE of all positions after closure", 0.25, ate, "m"),
         Bound(f"{what}: false loops", 0.0, false, f"of {len(loops)}"),
-        Bound(f"{what}: frames dropped", 75.0, 100 * (1 - len(merged.graph) / len(stamps)), "%", is_minimum=True),
+        Bound(f"{what}: frames dropped", 75.0, 100 * (1 - len(merged) / len(stamps)), "%", is_minimum=True),
     ]
 
 

@@ -71,7 +71,7 @@ class RangeSupport:
             by_map = self._references.error.covariance(node.id, fit.T_a_b)
             Ad = T_body_depth.adjoint()
             T_map_found = SE3.exp((node.T_map_sphere @ fit.T_a_b @ T_body_depth.inverse()).log())  # a rotation again
-            best = fit, T_map_found, Ad @ (fit.honest_covariance + by_map) @ Ad.T
+            best = fit, T_map_found, Ad @ (fit.covariance + by_map) @ Ad.T
         return best
 
     def _range_of(self, sphere_id: int) -> RangeImage:

@@ -71,11 +71,6 @@ class DepthMap:
         height = float(self.heights(pose[None, :2])[0])
         return height if np.isfinite(height) else self.camera_height
 
-    def depth_at(self, position: Array) -> NDArray[np.float32] | None:
-        """Return the range panorama (H, W) that stands for a position (2,), to be looked at; None without ground."""
-        middles = self._middles(self.cells(position[None]))
-        return None if np.isnan(middles[0, 2]) else self._synthesizer.synthesize_many(middles)[0]
-
     def ranges_from(self, pose: Array) -> NDArray[np.float32] | None:
         """Return the range panorama (H, W) in m that a level camera at a pose (3,) has, NaN unknown; None off the map.
 

@@ -52,7 +52,7 @@ class Views:
         if self._trajectory.num_subscriptions:
             poses = ((at, level_pose(pose, filter_.map.height(pose))) for at, pose in filter_.lineage.trajectory())
             self._trajectory.publish(conversions.poses_to_path(poses, stamp, self._frame))
-        depth = filter_.map.depth_at(best) if self._depth.num_subscriptions else None
+        depth = filter_.map.ranges_from(best) if self._depth.num_subscriptions else None
         if depth is not None:
             self._depth.publish(conversions.array_to_image(depth, stamp, self._frame, "32FC1"))
 

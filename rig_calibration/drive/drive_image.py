@@ -14,7 +14,7 @@ from rig_calibration.constants import MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NU
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
-from sphere_nav.geometry import SE3, Spherical, so3
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import inside
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
@@ -41,7 +41,7 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: Array) ->
 def _axes_of_lens(view: View) -> SE3 | None:
     """Return T_map_optical, z along the middle of a partial sphere: about the axis of its lens; None of a whole one."""
     camera = view.reference.camera
-    if isinstance(camera, Spherical) and camera.is_whole:
+    if camera.is_whole:
         return None
     z = camera.unproject(np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]))
     x = np.cross(z, (0.0, 0.0, 1.0))  # to the right: spheres have body axes

@@ -19,9 +19,8 @@ MAX_RATIO = 0.75  # distance of a match over that of the second best: Lowe 2004 
 # Below it, centers are one (stitching/test_layouts)
 MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}
 
-# Exposures and colors (light/test_exposure, light/test_light)
+# Exposures and colors (light/test_light)
 EXPOSED = (10, 245)  # grey levels between which cameras are compared
-STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
 WHITE = 235  # grey level above which what is darkened rises to 255 again: nobody knows how bright it was
 MAX_GAIN = 3.0  # largest factor of an exposure over the mean of all
 MAX_WHITE_BALANCE = 1.15  # largest factor of a color over the mean of its camera's colors

@@ -19,7 +19,7 @@ COST_NOISE = 4  # quarter grey levels: added to every difference, so that noise 
 def warp_by_range(inverse_range, directions, row, column, lens, u, v):
     """Write camera pixels u, v (h, w) f32 of a part of a sphere whose inverse range (H, W) f32 is known everywhere.
 
-    The part begins at (row, column); columns wrap around. directions: sine and cosine of azimuths (2, W) and elevations
+    The part begins at (row, column). directions: sine and cosine of azimuths (2, W) and elevations
     (2, H). lens: R (3, 3), b (3,), so that p = R ray - b / range is the point in the frame of the camera, by its range;
     extent (2,) and table (S S, 2): pixels over p_x and p_y by |p| + p_z, the tangents of half the angle off the axis;
     extent: the largest one, entries by tangent. Beyond the table its border holds.
@@ -27,19 +27,16 @@ def warp_by_range(inverse_range, directions, row, column, lens, u, v):
     azimuths, elevations = directions
     R, b, extent, table = lens
     height, width = u.shape
-    side, columns = np.int32(np.sqrt(np.float32(len(table))) + np.float32(0.5)), inverse_range.shape[1]
+    side = np.int32(np.sqrt(np.float32(len(table))) + np.float32(0.5))
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
     bx, by, bz = b
     largest, per_tangent = extent
     zero, last, least = np.float32(0.0), np.float32(side - 2), np.float32(1e-3)
     at, fu, fv = np.empty(width, np.int32), np.empty(width, np.float32), np.empty(width, np.float32)
-    w, sines, cosines = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    for i in range(width):
-        sines[i], cosines[i] = azimuths[0, (column + i) % columns], azimuths[1, (column + i) % columns]
+    sines, cosines = azimuths[0, column : column + width], azimuths[1, column : column + width]
     for y in range(height):
         z, level = elevations[0, row + y], elevations[1, row + y]
-        for i in range(width):
-            w[i] = inverse_range[row + y, (column + i) % columns]
+        w = inverse_range[row + y, column : column + width]
         for i in range(width):
             dx, dy = level * cosines[i], level * sines[i]
             px = xx * dx + xy * dy + xz * z - w[i] * bx

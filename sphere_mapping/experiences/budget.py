@@ -5,21 +5,12 @@ Of a place those leave first that explain the fewest images of a drive in their 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from sphere_mapping.graph.merging import drop
 from sphere_nav.spheres.experiences import find_places
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 
-class Thinned(NamedTuple):
-    """A graph within a budget, and how many key spheres left it."""
-
-    graph: SphereGraph
-    num_left: int
-
-
-def thin(graph: SphereGraph, num_experiences: int, *, is_whole: bool) -> Thinned:
+def thin(graph: SphereGraph, num_experiences: int, *, is_whole: bool) -> SphereGraph:
     """Return the graph with at most so many experiences of a place; the least serving ones go first.
 
     `is_whole`: its spheres see in every direction.
@@ -30,7 +21,7 @@ def thin(graph: SphereGraph, num_experiences: int, *, is_whole: bool) -> Thinned
         crowded = [left[node_id] for node_id, found in places.items() if len(found) > num_experiences]
         least = [node for node in crowded if _is_least(node, places[node.id])]
         if not least:
-            return Thinned(drop(graph, leaving).graph, len(leaving))
+            return drop(graph, leaving)
         gone = min(least, key=lambda node: (node.served, node.id))
         leaving.append(gone.id)
         left = SphereGraph(node for node in left if node.id != gone.id)
@@ -39,3 +30,9 @@ def thin(graph: SphereGraph, num_experiences: int, *, is_whole: bool) -> Thinned
 def _is_least(node: KeySphere, found: dict[Experience, float]) -> bool:
     """Say whether no other experience at the place of a key sphere served less than its own."""
     return found[node.experience] <= min(found.values())
+
+
+def describe_loss(before: SphereGraph, after: SphereGraph, why: str) -> list[str]:
+    """Return in words how many key spheres a graph goes without, nothing where it is none."""
+    number = len(before) - len(after)
+    return [f"{number} key spheres {why}"] if number else []

@@ -169,29 +169,29 @@ def find_first(
     if located:
         first = First(located, told)
         is_partly = len(located) < MIN_LOCATED_SHARE * len(drive.graph)
-        return (confirm_by_parts(base, drive, first) or first) if is_partly else first
+        return confirm_by_parts(base, drive, first) if is_partly else first
     if T_map_start is not None:
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
         start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
         given = First([start], f"{told}; a start was given", is_certain=False, is_given=True)
-        return confirm_by_parts(base, drive, given) or given
+        return confirm_by_parts(base, drive, given)
     joins = find_joins(base, drive, run)
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
     load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
     found = search_by_parts(base, drive, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
-    return (confirm_by_parts(base, drive, searched) or searched) if found else searched
+    return confirm_by_parts(base, drive, searched) if found else searched
 
 
-def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First | None:
-    """Return joins by parts of the images from where the drive is thought to be, beside certain ones; None of none."""
+def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First:
+    """Return joins by parts of the images from where the drive is thought to be, beside certain ones; else the same."""
     joined = join_graphs(base.graph, drive.graph, first.edges)
     found = refine_by_parts(base, drive, joined)
     told = f"{first.told}; parts of the images agree at {len(found)} of {len(drive.graph)} key spheres"
     edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found]) if found else []
-    return First(edges, told) if edges else None
+    return First(edges, told) if edges else first
 
 
 def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
@@ -223,9 +223,7 @@ def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int]
         own = RangeImage.from_sphere(drive.load(node.id))
         fits = [(one.id, fit) for one in spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
-        edges += [
-            Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.honest_covariance), is_loop=True) for a, fit in best
-        ]
+        edges += [Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.covariance), is_loop=True) for a, fit in best]
     found = agreeing(base, drive.graph, edges)
     is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
     found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
@@ -247,7 +245,7 @@ def refine_by_ranges(
         num_alike += ways is not None
         fit = ways and reconcile(*ways)
         if fit is not None:
-            found.append(edge_to_key(place.node.id, place.image.track, fit.T_a_b, fit.honest_covariance, np.zeros(6)))
+            found.append(edge_to_key(place.node.id, place.image.track, fit.T_a_b, fit.covariance, np.zeros(6)))
     return found, num_alike, len(places)
 
 
@@ -262,7 +260,7 @@ def find_places(
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
-        apart = [away(T, node.region_radius_m or 1.0, load_base(node.id).is_whole) for T in motions]
+        apart = [away(T, node.region_radius_m or 1.0, load_base(node.id).camera.is_whole) for T in motions]
         best = int(np.argmin(apart))
         located = images[best].located
         if apart[best] <= MAX_AWAY and not (located is not None and located.is_sure):
@@ -303,7 +301,7 @@ def _fit_all(a: RangeImage, b: RangeImage) -> list[RangeFit]:
 
 def guess_headings(a: RangeImage, b: RangeImage) -> Array:
     """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
-    if not (a.is_whole and b.camera == a.camera):
+    if not (a.camera.is_whole and b.camera == a.camera):
         return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
     one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
     spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))

@@ -9,7 +9,6 @@ do not replace each other: how far apart those are was decided when they were ke
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,15 +19,9 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 
-@dataclass(frozen=True, eq=False)
-class Merged:
-    """A graph without redundant key spheres; by the id of each that left, that of the one that its edges went to."""
-
-    graph: SphereGraph
-    replaced: dict[int, int]
-
-
-def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = (), unlike: Collection[int] = ()) -> Merged:
+def merge(
+    graph: SphereGraph, positions: Array, staying: Collection[int] = (), unlike: Collection[int] = ()
+) -> SphereGraph:
     """Return the graph without redundant key spheres; of those that see the same the newest leaves.
 
     positions (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
@@ -41,7 +34,7 @@ def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = (), u
     return merger.result()
 
 
-def drop(graph: SphereGraph, ids: Collection[int]) -> Merged:
+def drop(graph: SphereGraph, ids: Collection[int]) -> SphereGraph:
     """Return the graph without some key spheres, their edges composed to the one that each was measured best from."""
     merger = _Merger(graph, _positions(graph))
     for node_id in ids:
@@ -67,26 +60,19 @@ def reverse(edge: Edge) -> Edge:
 
 
 class _Merger:
-    """The graph while spheres leave it: edges by their ends, and the positions that each sphere is nearest to."""
+    """The graph while spheres leave it: its edges, and the positions that each sphere is nearest to."""
 
     def __init__(self, graph: SphereGraph, points: Array) -> None:
-        self.replaced: dict[int, int] = {}
-        self._graph, self._points = graph, points
+        self._left = set[int]()
+        self._graph, self._points, self._edges = graph, points, list(graph.edges)
         self._farthest = MERGE_REACH * max((node.region_radius_m for node in graph), default=0.0)
-        self._edges: dict[int, list[Edge]] = {node.id: [] for node in graph}
-        for edge in graph.edges:
-            self._add(edge)
-        self._along = _along(graph)
-        self._spacing = {node_id: _spacing(edges) for node_id, edges in self._edges.items()}
-        ids = list(graph.nodes)
-        self._served: dict[int, list[int]] = {node_id: [] for node_id in ids}
-        for point, row in enumerate(cKDTree(_positions(graph)).query(points)[1].tolist()):
-            self._served[ids[row]].append(point)
+        self._along, self._spacing = _along(graph), _spacing(graph)
+        nearest = cKDTree(_positions(graph)).query(points)[1]
+        self._served = {node.id: np.flatnonzero(nearest == row).tolist() for row, node in enumerate(graph)}
 
     def try_without(self, node: KeySphere, *, is_unlike: bool = False) -> None:
         """Let a key sphere leave if others serve what it serves; an unlike one, if others of its experience do."""
-        edges = [_from(node.id, edge) for edge in self._edges[node.id]]
-        hubs = [edge for edge in edges if self._is_again(node.id, edge.b)]
+        hubs = [edge for edge in self._edges_from(node.id) if self._is_again(node.id, edge.b)]
         if not hubs:
             return
         servers = [self._server(self._points[point], node, is_unlike) for point in self._served[node.id]]
@@ -99,33 +85,31 @@ class _Merger:
 
     def drop(self, node_id: int) -> None:
         """Let a key sphere leave, whatever it serves; one without edges just leaves."""
-        edges = [_from(node_id, edge) for edge in self._edges[node_id]]
+        edges = self._edges_from(node_id)
         if edges:
             self._leave(node_id, min(edges, key=_variance))
-        else:
-            self.replaced[node_id] = node_id
+        self._left.add(node_id)
 
     def _leave(self, node_id: int, hub: Edge) -> None:
         """Compose the edges of a key sphere with the one to a hub, which takes its place."""
-        edges = [_from(node_id, edge) for edge in self._edges[node_id]]
-        for edge in list(self._edges[node_id]):
-            self._remove(edge)
-        for edge in edges:
-            if edge.b != hub.b:
-                self._add(compose_edges(reverse(hub), edge))
-        self.replaced[node_id] = hub.b
+        edges, back = self._edges_from(node_id), reverse(hub)
+        self._edges = [edge for edge in self._edges if node_id not in (edge.a, edge.b)]
+        self._edges += [compose_edges(back, edge) for edge in edges if edge.b != hub.b]
+        self._left.add(node_id)
 
-    def result(self) -> Merged:
-        """Return what is left."""
-        if not self.replaced:
-            return Merged(self._graph, {})
-        kept = [node for node in self._graph if node.id not in self.replaced]
-        return Merged(SphereGraph(kept, self.edges()), self.replaced)
+    def result(self) -> SphereGraph:
+        """Return what is left, edges in order."""
+        if not self._left:
+            return self._graph
+        kept = [node for node in self._graph if node.id not in self._left]
+        return SphereGraph(
+            kept, sorted(self._edges, key=lambda one: (max(one.a, one.b), min(one.a, one.b), one.is_loop))
+        )
 
-    def edges(self) -> list[Edge]:
-        """Return what is left, each edge once, in order."""
-        found = {id(edge): edge for node_edges in self._edges.values() for edge in node_edges}
-        return sorted(found.values(), key=lambda edge: (max(edge.a, edge.b), min(edge.a, edge.b), edge.is_loop))
+    def _edges_from(self, node_id: int) -> list[Edge]:
+        """Return the edges of a key sphere as they begin there."""
+        own = (edge for edge in self._edges if node_id in (edge.a, edge.b))
+        return [edge if edge.a == node_id else reverse(edge) for edge in own]
 
     def _is_again(self, one: int, other: int) -> bool:
         """Say whether two key spheres are of one place that the way came back to, or of two drives."""
@@ -139,19 +123,11 @@ class _Merger:
         near = [
             (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
             for node in self._graph.near(point, reach)
-            if node.id != leaving.id and node.id not in self.replaced
+            if node.id != leaving.id and node.id not in self._left
             if not is_unlike or node.experience == leaving.experience
         ]
         reaching = [(distance, node.id) for distance, node in near if distance <= MERGE_REACH * node.region_radius_m]
         return min(reaching)[1] if reaching else None
-
-    def _add(self, edge: Edge) -> None:
-        for end in (edge.a, edge.b):
-            self._edges[end].append(edge)
-
-    def _remove(self, edge: Edge) -> None:
-        for end in (edge.a, edge.b):
-            self._edges[end] = [one for one in self._edges[end] if one is not edge]
 
 
 def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
@@ -166,14 +142,13 @@ def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
     return found
 
 
-def _spacing(edges: list[Edge]) -> float:
-    """Return how far a key sphere is from those before and after it, the farther one."""
-    return max((edge.length_m for edge in edges if not edge.is_loop), default=0.0)
-
-
-def _from(node_id: int, edge: Edge) -> Edge:
-    """Return an edge as it begins at one of its ends."""
-    return edge if edge.a == node_id else reverse(edge)
+def _spacing(graph: SphereGraph) -> dict[int, float]:
+    """Return how far each key sphere is from those before and after it, the farther one."""
+    found = dict.fromkeys(graph.nodes, 0.0)
+    for edge in graph.edges:
+        for end in (edge.a, edge.b) if not edge.is_loop else ():
+            found[end] = max(found[end], edge.length_m)
+    return found
 
 
 def _variance(edge: Edge) -> float:

@@ -173,4 +173,4 @@ def graph_to_save(mapper: Mapper) -> SphereGraph:
     """Return the graph without the key spheres of places that others show as well; the mapper keeps them all."""
     if not mapper.params.key.merge:
         return mapper.graph
-    return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()])).graph
+    return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +11,11 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 
 SAMPLE_STEP = 8  # pixels between those that are looked at
-
-
-class Bounds(NamedTuple):
-    """Metres between which a length of a kind lies; a factor of 1000 is far outside of them."""
-
-    low: float
-    high: float
-
-
-BOUNDS = {
-    "depth": Bounds(0.01, 200.0),  # the median of an image
-    "baseline": Bounds(0.002, 5.0),
-    "scan": Bounds(0.01, 200.0),  # the median of a turn
-    "mounting": Bounds(0.0, 25.0),  # of a camera on its vehicle
+BOUNDS = {  # m between which a length of a kind lies; a factor of 1000 is far outside of them
+    "depth": (0.01, 200.0),  # the median of an image
+    "baseline": (0.002, 5.0),
+    "scan": (0.01, 200.0),  # the median of a turn
+    "mounting": (0.0, 25.0),  # of a camera on its vehicle
 }
 MAX_OFF_CENTER = 0.2  # of an image's size, from its middle to the principal point; binning moves that by 0.25 or 0.5
 

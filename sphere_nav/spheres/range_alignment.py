@@ -56,7 +56,6 @@ class RangeImage:
     """Coarse ranges along rays (H, W): flat points (H W, 3) in m and normals (H W, 3), NaN where not known."""
 
     camera: Camera
-    is_whole: bool  # all around: columns have no end
     T_camera_body: SE3  # body axes (x ahead) in those of the camera
     range_m: Floats
     points: Array
@@ -67,7 +66,7 @@ class RangeImage:
     def from_sphere(sphere: Sphere) -> RangeImage:
         """Return what alignment needs of a sphere."""
         small = coarse_sphere(sphere)
-        return _prepare(small.camera, small.range_m, SE3.identity(), is_whole=small.camera.is_whole)
+        return _prepare(small.camera, small.range_m, SE3.identity())
 
     @staticmethod
     def from_depth(depth: DepthImage) -> RangeImage:
@@ -79,16 +78,17 @@ class RangeImage:
         used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
         small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return _prepare(camera, small / pixel_rays(camera)[..., 2], T_BODY_OPTICAL.inverse(), is_whole=False)
+            return _prepare(camera, small / pixel_rays(camera)[..., 2], T_BODY_OPTICAL.inverse())
 
 
 @dataclass(frozen=True, eq=False)
 class RangeFit:
     """T_a_b by the surfaces of `a`, its covariance (6, 6), and what speaks for it.
 
+    A range camera that bends space errs by the turn between two views: that is in the covariance, too.
     overlap: share of the points of `b` that fall on known ranges of `a`; agreement: share of these that lie there, of
     the surfaces that agree least.
-    sigma_m: the largest standard deviation of the position, also that of the attitude by the range.
+    sigma_m: the largest standard deviation of the position, also that of the attitude by the range; without that.
     """
 
     T_a_b: SE3
@@ -96,19 +96,11 @@ class RangeFit:
     overlap: float
     agreement: float
     sigma_m: float
-    typical_m: float  # median range
-    turn_rad: float  # between two views; 0 where one is all around
 
     @property
     def likeness(self) -> float:
         """Share of the points of `b` that lie on surfaces of `a`."""
         return self.overlap * self.agreement
-
-    @property
-    def honest_covariance(self) -> Array:
-        """The covariance (6, 6) and what a range camera that bends space adds, which errs by the turn."""
-        share = RANGE_TURN_SHARE * self.turn_rad
-        return self.covariance + np.diag(np.repeat([share * self.typical_m, share], 3) ** 2)
 
     @property
     def is_good(self) -> bool:
@@ -117,14 +109,14 @@ class RangeFit:
         return is_seen and self.sigma_m <= MAX_RANGE_SIGMA
 
 
-def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3, *, is_whole: bool) -> RangeImage:
+def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3) -> RangeImage:
     """Return the image of ranges (H, W)."""
     known = np.where(np.isfinite(range_m), range_m, np.nan).astype(np.float32)
     points = pixel_rays(camera) * known[..., None]
-    normals = find_normals(points, known, is_whole=is_whole)
+    normals = find_normals(points, known, is_whole=camera.is_whole)
     rows = np.flatnonzero(np.isfinite(normals[..., 0]))
     flat = points.reshape(-1, 3), normals.reshape(-1, 3), rows
-    return RangeImage(camera, is_whole, T_camera_body, known, *flat)
+    return RangeImage(camera, T_camera_body, known, *flat)
 
 
 def find_normals(points: Array, range_m: Floats, *, is_whole: bool) -> Array:
@@ -146,7 +138,7 @@ def find_normals(points: Array, range_m: Floats, *, is_whole: bool) -> Array:
 def choose_points(a: RangeImage, b: RangeImage, T_a_b: SE3) -> Integers:
     """Return rows of points of `b`, evenly spread; of one all around only those that `a`, which is not, looks at."""
     rows = b.rows
-    if b.is_whole and not a.is_whole:
+    if b.camera.is_whole and not a.camera.is_whole:
         rows = rows[a.camera.project(T_a_b.apply(b.points[rows]))[1]]
     return rows[:: max(1, len(rows) // NUM_RANGE_POINTS)]
 
@@ -185,9 +177,10 @@ def assess_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     variance = max(
         np.linalg.eigvalsh(covariance[:3, :3])[-1], np.linalg.eigvalsh(covariance[3:, 3:])[-1] * typical_m**2
     )
-    has_turned = not (a.is_whole or b.is_whole)
+    has_turned = not (a.camera.is_whole or b.camera.is_whole)
     turn_rad = float(a.T_camera_body.distance(T_a_b @ b.T_camera_body)[1]) if has_turned else 0.0
-    return RangeFit(T_a_b, covariance, overlap, agreement, float(np.sqrt(variance)), typical_m, turn_rad)
+    bend = RANGE_TURN_SHARE * turn_rad * np.repeat([typical_m, 1.0], 3)
+    return RangeFit(T_a_b, covariance + np.diag(bend**2), overlap, agreement, float(np.sqrt(variance)))
 
 
 def measure_motion_by_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
@@ -246,7 +239,7 @@ def _linearize(
     pixels, is_visible = a.camera.project(moved)
     column = np.rint(np.nan_to_num(pixels[:, 0])).astype(np.int64)
     row = np.rint(np.nan_to_num(pixels[:, 1])).astype(np.int64)
-    column = column % a.camera.width if a.is_whole else np.clip(column, 0, a.camera.width - 1)
+    column = column % a.camera.width if a.camera.is_whole else np.clip(column, 0, a.camera.width - 1)
     flat = np.clip(row, 0, a.camera.height - 1) * a.camera.width + column
     ranges = np.linalg.norm(moved, axis=1)
     known = a.range_m.ravel()[flat]

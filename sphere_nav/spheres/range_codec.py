@@ -21,7 +21,6 @@ CODE_NAN = 0
 CODE_INF = 65535
 NUM_STEPS = CODE_INF - 2
 STEP = np.log(MAX_RANGE / MIN_RANGE) / NUM_STEPS
-BLOCK = 1 << 16  # codes that are decoded at once
 MIN_RATIO, RATIO_STEP = 1e-4, np.log(1e4) / 254  # of a deviation to its range
 LAST_RATIO = 223  # code of the largest ratio
 MAX_RATIO = MIN_RATIO * np.exp(RATIO_STEP * (LAST_RATIO - 1))
@@ -42,12 +41,7 @@ def decode_ranges(codes: NDArray[np.uint16]) -> Floats:
     """Return the ranges in metres of codes of any shape."""
     if codes.dtype != np.uint16:
         raise ValueError(f"range codes: expected uint16, found {codes.dtype}")
-    ranges, table = np.empty(codes.shape, np.float32), _table()
-    flat_codes, flat = codes.reshape(-1), ranges.reshape(-1)
-    for first in range(0, flat.size, BLOCK):  # NumPy makes wide indices of codes: four times their memory
-        block = slice(first, first + BLOCK)
-        np.take(table, flat_codes[block], out=flat[block], mode="clip")  # no code is outside: nothing to check
-    return ranges
+    return np.take(_table(), codes, mode="clip")  # no code is outside: nothing to check
 
 
 def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> Bytes:

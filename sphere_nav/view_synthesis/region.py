@@ -50,13 +50,9 @@ def region_radius(sphere: Sphere) -> float:
 
 def _is_usable(surface: Surface, distance_m: float, needed: float) -> bool:
     """Say whether in most horizontal directions enough is usable so far away."""
-    num_left, num_needed = NUM_DIRECTIONS, NUM_DIRECTIONS // 2 + 1
-    for azimuth in 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS:
-        shift_m = distance_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        num_left, num_needed = num_left - 1, num_needed - (usable_share(surface, shift_m) >= needed)
-        if not 0 < num_needed <= num_left:
-            break
-    return num_needed <= 0
+    azimuths = 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS
+    shifts_m = distance_m * np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(NUM_DIRECTIONS)])
+    return sum(usable_share(surface, shift_m) >= needed for shift_m in shifts_m) > NUM_DIRECTIONS // 2
 
 
 def usable_share(surface: Surface, shift_m: Array) -> float:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
@@ -89,9 +89,8 @@ def draw_surfaces(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tup
     kernels.project_corners(surface.points, kernel_motion(T_camera_sphere.matrix), kernel_camera(camera), placed)
     nearness = np.zeros((camera.height, camera.width), np.float32)
     source = np.zeros((camera.height, camera.width, 2), np.float32)
-    wraps = isinstance(camera, Spherical) and camera.is_whole
-    kernels.draw_quads(surface.corners, placed, surface.pixels, surface.camera.width, wraps, nearness, source)
-    for pole in POLES if wraps else ():
+    kernels.draw_quads(surface.corners, placed, surface.pixels, surface.camera.width, camera.is_whole, nearness, source)
+    for pole in POLES if camera.is_whole else ():
         _draw_pole(surface, T_camera_sphere, camera, pole, nearness, source)
     return nearness, source
 

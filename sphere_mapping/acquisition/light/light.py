@@ -16,7 +16,7 @@ from threading import Lock
 import cv2
 import numpy as np
 from scipy.optimize import lsq_linear
-from scipy.sparse import csr_array
+from scipy.sparse import block_diag, csr_array, hstack
 
 from sphere_mapping.acquisition.constants import (
     CORRELATED_DIRECTIONS,
@@ -32,8 +32,8 @@ from sphere_mapping.acquisition.constants import (
     MIN_FALLOFF,
     NUM_INSTANTS,
     RATIO_STD,
+    WHITE,
 )
-from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, off_axis
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.estimation.robust import cauchy_weights
@@ -64,47 +64,42 @@ def falloff(coefficients: Array, squares: Array) -> Array:
 
 
 class Falloff:
-    """The falloff of all cameras: what instants have said of it so far, as a normal matrix.
+    """The falloff of all cameras, by what instants have said of it so far.
 
     kinds: (number of cameras,), equal where lenses are of one kind.
     """
 
     def __init__(self, kinds: Sequence[object]) -> None:
-        size = NUM_POWERS * len(kinds)
         self.coefficients = np.zeros((len(kinds), NUM_POWERS))
         alike = np.array([[one == other for other in kinds] for one in kinds], np.float64)
         apart = np.diag(alike.sum(axis=1)) - alike  # x' apart x: squared differences of lenses of one kind
-        self._matrix = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
-        self._vector = np.zeros(size)
+        size = self.coefficients.size
+        self._prior = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
+        self._seen: list[PairRatios] = []
 
     def update(self, seen: PairRatios, num_exposures: int) -> None:
-        """Add what an instant says; its exposures are eliminated."""
-        size = len(self._vector)
-        rows = csr_array(np.hstack([self._powers(seen), design(seen, num_exposures)]))  # at most 8 of a row are not 0
-        prior = np.zeros((rows.shape[1], rows.shape[1]))
-        prior[:size, :size] = self._matrix
-        prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
-        vector = np.concatenate([self._vector, np.zeros(num_exposures)])
-        low = np.concatenate([np.full(size, LEAST_COEFFICIENT), np.full(num_exposures, -np.inf)])
-        high = np.concatenate([np.zeros(size), np.full(num_exposures, np.inf)])
-        matrix, target, _ = descend(rows, seen.ratio, seen.std, (prior, vector), (low, high))
-        inner = np.linalg.solve(matrix[size:, size:], np.column_stack([matrix[size:, :size], target[size:]]))
-        self._matrix = matrix[:size, :size] - matrix[:size, size:] @ inner[:, :-1]
-        self._vector = target[:size] - matrix[:size, size:] @ inner[:, -1]
-        self.coefficients = _solve(self._matrix, self._vector, low[:size], high[:size]).reshape(-1, NUM_POWERS)
+        """Add what an instant says, whose exposures are its own."""
+        self._seen.append(seen)
+        exposures = block_diag([design(one, num_exposures) for one in self._seen], format="csr")
+        rows = hstack([np.concatenate([self._powers(one) for one in self._seen]), exposures], format="csr")
+        ratio, std = (np.concatenate([getattr(one, name) for one in self._seen]) for name in ("ratio", "std"))
+        size, count = self.coefficients.size, exposures.shape[1]
+        prior = block_diag([self._prior, np.eye(count) / EXPOSURE_STD**2]).toarray()
+        low, high = np.full(size + count, -np.inf), np.full(size + count, np.inf)
+        low[:size], high[:size] = LEAST_COEFFICIENT, 0.0
+        self.coefficients = descend(rows, ratio, std, prior, (low, high))[:size].reshape(-1, NUM_POWERS)
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
         prior, free = np.eye(num_exposures) / EXPOSURE_STD**2, np.full(num_exposures, np.inf)
-        rows = csr_array(design(seen, num_exposures))
-        values = descend(rows, ratio, seen.std, (prior, np.zeros(num_exposures)), (-free, free))[2]
+        values = descend(csr_array(design(seen, num_exposures)), ratio, seen.std, prior, (-free, free))
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
         """Return the derivatives (N, cameras * NUM_POWERS) of the ratios by all coefficients."""
         powers = np.stack([seen.squares[k] ** power for k in range(2) for power in range(1, NUM_POWERS + 1)], axis=-1)
-        found = np.zeros((seen.ratio.size, len(self._vector) // NUM_POWERS, NUM_POWERS))
+        found = np.zeros((seen.ratio.size, *self.coefficients.shape))
         at = np.arange(seen.ratio.size)
         found[at, seen.cameras[0]] += powers[:, :NUM_POWERS]
         found[at, seen.cameras[1]] -= powers[:, NUM_POWERS:]
@@ -117,27 +112,33 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     return alone[seen.exposures[0]] - alone[seen.exposures[1]]
 
 
-def descend(
-    rows: csr_array, ratio: Array, std: Array, prior: tuple[Array, Array], bounds: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Return normal matrix and vector of ratios (N,) by rows (N, M), Cauchy's loss narrowed, and what solves them."""
+def descend(rows: csr_array, ratio: Array, std: Array, prior: Array, bounds: tuple[Array, Array]) -> Array:
+    """Return what explains ratios (N,) by rows (N, M) best, Cauchy's loss narrowed.
+
+    prior: information (M, M) about 0.
+    """
     values: Array = np.zeros(rows.shape[1])
     for scale in LOSS_SCALES:
-        errors = (ratio - rows @ values) / std
-        weight = cauchy_weights(np.square(errors / scale)) / (CORRELATED_DIRECTIONS * np.square(std))
-        weighted = rows.multiply(weight[:, None]).T
-        matrix, vector = prior[0] + (weighted @ rows).toarray(), prior[1] + weighted @ ratio
-        values = _solve(matrix, vector, *bounds)
-    return matrix, vector, values
+        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * std))) / (CORRELATED_DIRECTIONS * std**2)
+        upper = np.linalg.cholesky(prior + (rows.T @ rows.multiply(weight[:, None])).toarray()).T
+        target = np.linalg.solve(upper.T, rows.T @ (weight * ratio))
+        values = lsq_linear(upper, target, bounds, method="bvls").x
+    return values
 
 
-def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
-    """Return the minimum of x' M x / 2 - t' x within bounds."""
-    upper = np.linalg.cholesky(matrix).T
-    return lsq_linear(upper, np.linalg.solve(upper.T, target), (low, high), method="bvls").x
+def apply_gain(image: Bytes, gain: Array) -> Bytes:
+    """Return the image (h, w[, 3]) times its gain (channels,); what is white stays white."""
+    if np.all(np.abs(gain - 1.0) < 1e-3):
+        return image
+    before = np.arange(256)[:, None]
+    after = before * gain
+    rise = (before - WHITE) / (255 - WHITE)
+    after = np.where((rise > 0) & (gain < 1.0), WHITE * gain + rise * (255 - WHITE * gain), after)
+    levels = np.clip(np.rint(after), 0, 255).astype(np.uint8)
+    return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
-Learned = tuple[Falloff, dict[str, Floats]]
+Learned = tuple[Array, dict[str, Floats]]  # coefficients of the falloff, and `Light._coarse`
 
 
 class Light:
@@ -168,11 +169,11 @@ class Light:
     @property
     def learned(self) -> Learned:
         """What other processes need to go on alike."""
-        return self.falloff, dict(self._coarse)
+        return self.falloff.coefficients, dict(self._coarse)
 
     def resume(self, learned: Learned) -> None:
         """Take over what another one has learned, all of it."""
-        self.falloff, factors = learned
+        self.falloff.coefficients, factors = learned
         self._num_seen = NUM_INSTANTS
         for name, factor in factors.items():
             self._use(name, factor)
@@ -182,24 +183,22 @@ class Light:
         channels = 1 if next(iter(images.values())).ndim == 2 else 3
         gains = np.ones((len(self._kinds), channels))
         shared = self._overlaps.compare({k: images[name] for k, name in enumerate(self._names) if name in images})
-        if shared:
-            seen = self._comparison(shared)
+        if shared is not None:
+            seen = [self._comparison(shared, color) for color in range(channels)]
             with self._lock:
                 if self._num_seen < NUM_INSTANTS:
-                    self._learn(seen)
-            gains = self._gains(seen, shared, channels)
+                    self._learn(self._comparison(shared, slice(None)))
+            gains = self._gains(seen)
             gains *= self._headroom(images, gains)
         found = {name: gains[self._group[self._names.index(name)]] for name in images}
         return {name: self._apply(image, name, found[name]) for name, image in images.items()}, found
 
-    def _comparison(self, shared: Sequence[Shared]) -> PairRatios:
-        """Return what all overlaps say of grey levels: the mean of the logarithms of their colours."""
-        sizes = [len(pair.levels[0]) for pair in shared]
-        cameras = np.repeat(np.transpose([(pair.first, pair.second) for pair in shared]), sizes, axis=1)
-        angles = np.concatenate([pair.angles for pair in shared], axis=1)
-        logs = np.concatenate([np.log(pair.levels).mean(axis=2) for pair in shared], axis=1)
-        squares = np.square(angles / np.array(self._largest)[cameras])
-        return PairRatios(cameras, np.array(self._group)[cameras], squares, logs[0] - logs[1], std_of(*np.exp(logs)))
+    def _comparison(self, shared: Shared, colors: int | slice) -> PairRatios:
+        """Return what all overlaps say of grey levels: the mean of the logarithms of some of their colours."""
+        logs = np.log(shared.levels)[..., colors].reshape(*shared.cameras.shape, -1).mean(axis=2)
+        squares = np.square(shared.angles / np.array(self._largest)[shared.cameras])
+        groups = np.array(self._group)[shared.cameras]
+        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1], std_of(*np.exp(logs)))
 
     def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))
@@ -215,20 +214,11 @@ class Light:
         self._coarse[name] = factor
         self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
 
-    def _gains(self, seen: PairRatios, shared: Sequence[Shared], channels: int) -> Array:
+    def _gains(self, seen: Sequence[PairRatios]) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
-        number, most = len(self._kinds), 0.5 * np.log(self._max_gain)
-        gray = np.clip(-self.falloff.exposures(seen, number), -most, most)
-        ratios = []
-        for pair in shared:
-            groups = self._group[pair.first], self._group[pair.second]
-            if groups[0] != groups[1]:
-                logs = np.log(pair.levels[0] / pair.levels[1])
-                weight = 1.0 / np.square(std_of(pair.levels[0].min(axis=1), pair.levels[1].min(axis=1)))
-                ratios.append((*groups, _median(logs - logs.mean(axis=1, keepdims=True), weight)))
-        color = log_gains(ratios, number, channels)
-        most = np.log(MAX_WHITE_BALANCE)
-        return np.exp(gray[:, None] + np.clip(color - color.mean(axis=1, keepdims=True), -most, most))
+        logs = np.column_stack([-self.falloff.exposures(color, len(self._kinds)) for color in seen])
+        gray, most, apart = logs.mean(axis=1, keepdims=True), 0.5 * np.log(self._max_gain), np.log(MAX_WHITE_BALANCE)
+        return np.exp(np.clip(gray, -most, most) + np.clip(logs - gray, -apart, apart))
 
     def _headroom(self, images: Mapping[str, Bytes], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
@@ -245,14 +235,6 @@ class Light:
             return even
         factor = factor if image.ndim == 2 else cv2.merge([factor] * 3)
         return cv2.multiply(even, factor, dtype=cv2.CV_8U).astype(np.uint8)
-
-
-def _median(values: Array, weight: Array) -> Array:
-    """Return the weighted median (channels,) of values (N, channels)."""
-    order = np.argsort(values, axis=0)
-    share = np.cumsum(weight[order], axis=0) / weight.sum()
-    at = np.argmax(share >= 0.5, axis=0)
-    return np.take_along_axis(values, np.take_along_axis(order, at[None], axis=0), axis=0)[0]
 
 
 def _angles(rig_view: RigView) -> tuple[Array, float]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
 from sphere_mapping.acquisition.kernels import sample_inverse_depth
-from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -34,10 +34,9 @@ def draw_nearest(points: Array, target: Camera, size: int) -> Floats:
     first = np.floor(np.clip(pixels[seen].astype(np.float32), -1e6, 1e6) - (0.5 * size - 1)).astype(np.intp)
     ranges = np.linalg.norm(points[seen], axis=1).astype(np.float32)
     nearest = np.full((target.height, target.width), np.inf, np.float32)
-    is_whole = isinstance(target, Spherical) and target.is_whole
     for dv, du in np.ndindex(size, size):
         u, v = first[:, 0] + du, first[:, 1] + dv
-        u = u % target.width if is_whole else u
+        u = u % target.width if target.is_whole else u
         is_in = (u >= 0) & (u < target.width) & (v >= 0) & (v < target.height)
         np.minimum.at(nearest.ravel(), v[is_in] * target.width + u[is_in], ranges[is_in])
     return nearest

@@ -11,7 +11,6 @@ by what is left; edges, what does not fit and what is not clear are NaN.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -76,16 +75,6 @@ from sphere_nav.geometry.arrays import Bytes, Floats
 Levels = NDArray[np.int16]
 
 
-@dataclass(frozen=True, eq=False)
-class Volumes:
-    """Costs of all hypotheses (H, W, K): of a pixel, of blocks of two sizes, of smoothed paths."""
-
-    cost: Bytes
-    block: NDArray[np.int16]
-    wide: NDArray[np.int16]
-    total: NDArray[np.int16]
-
-
 class SphereSweep:
     """Range of a rig of one level. `warning`: why there will be none, empty where there will be."""
 
@@ -109,7 +98,6 @@ class SphereSweep:
         self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(
             lambda present: sight_of(self._stretch, np.isin(names, present), self._levels)
         )
-        self._spare: list[Volumes] = []  # volumes are kept: new memory costs as much as the sums
 
     def find(self, grays: Mapping[str, Bytes]) -> list[Ranged]:
         """Return the range from the grey images of one instant, by camera."""
@@ -149,16 +137,15 @@ class SphereSweep:
     def _match(self, images: Levels, sight: CameraSight) -> Floats:
         """Return the inverse range (h, w) at the coarsest level, NaN where nothing is clearly the best."""
         level, shape = self._levels[-1], sight.numbers.shape
-        volumes = self._take_volumes(shape)
+        cost = np.empty((*shape, NUM_HYPOTHESES), np.uint8)
+        block, wide, total = (np.zeros(cost.shape, np.int16) for _ in range(3))
         tables = (self._table, GRID_STEP, images, level.starts, level.sizes, sight.cameras, sight.numbers)
-        in_strips(lambda *rows: sweep(*tables, *rows, volumes.cost), shape[0], self._jobs)
-        sum_blocks(volumes.cost, SWEEP_RADIUS, volumes.block)
-        sum_blocks(volumes.cost, COST_RADIUS, volumes.wide)
-        volumes.total[:] = 0
-        sum_paths(volumes.block, *np.array(SWEEP_PENALTIES, np.int16), volumes.total)
+        in_strips(lambda *rows: sweep(*tables, *rows, cost), shape[0], self._jobs)
+        sum_blocks(cost, SWEEP_RADIUS, block)
+        sum_blocks(cost, COST_RADIUS, wide)
+        sum_paths(block, *np.array(SWEEP_PENALTIES, np.int16), total)
         found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
-        choose(volumes.total, volumes.wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
-        self._spare.append(volumes)
+        choose(total, wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
         found = smooth_around(found, REFINE_RADIUS - 1, is_whole=True)
         found[at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
@@ -209,13 +196,6 @@ class SphereSweep:
         range_m[~is_good], std_m[~is_good | is_far] = np.nan, np.nan
         range_m[is_far] = np.inf
         return range_m, std_m
-
-    def _take_volumes(self, shape: tuple[int, ...]) -> Volumes:
-        try:
-            return self._spare.pop()  # threads may stitch at the same time
-        except IndexError:
-            kinds = (np.uint8, np.int16, np.int16, np.int16)
-            return Volumes(*(np.empty((*shape, NUM_HYPOTHESES), kind) for kind in kinds))
 
 
 def _double(inverse: Floats) -> Floats:

@@ -30,7 +30,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole, so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +78,9 @@ def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -
 def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: int) -> ColumnFit:
     """Return the first numbers of the polynomial, so many."""
     states = [_State(camera, baseline_m, window) for window in windows]
-    columns, normal = _solve(states, number)
+    columns, inverse = _solve(states, number)
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * CORRELATED_CORNERS), np.float64)
-    covariance = covariance + np.diag(TRACK_FLOOR_PX[:number] ** 2)
+    covariance = inverse * (max(variance, 1e-6) * CORRELATED_CORNERS) + np.diag(TRACK_FLOOR_PX[:number] ** 2)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
 
 
@@ -93,28 +92,27 @@ def motions_of(camera: Pinhole, baseline_m: float, window: Window) -> list[SE3]:
 
 
 def _solve(states: Sequence[_State], number: int) -> tuple[Array, Array]:
-    """Move all states to what explains their pixels; return the numbers of the disparity and their information."""
-    columns: Array = np.zeros(number)
-    normal = prior = np.eye(number) / TRACK_PRIOR_PX**2
+    """Move all states to what explains their pixels; return the numbers of the disparity, and their inverse normal."""
+    columns, prior = np.zeros(number), np.eye(number) / TRACK_PRIOR_PX**2
+    ends = number + np.cumsum([state.size for state in states])  # of motions, after the numbers
+    own = [np.r_[:number, end - state.size : end] for state, end in zip(states, ends, strict=True)]
+    H: Array = np.zeros((ends[-1], ends[-1]))
     for step in range(TRACK_STEPS):
+        H, b = TINY * np.eye(ends[-1]), np.zeros(ends[-1])
+        H[:number, :number] += prior
+        b[:number] = -prior @ columns
         scale = TRACK_LOSS_PX * max(8.0 / 2**step, 1.0)
-        reduced = [state.reduce(columns, scale) for state in states]
-        normal = prior + sum(part.H for part in reduced)
-        change = np.asarray(np.linalg.solve(normal, sum(part.b for part in reduced) - prior @ columns), np.float64)
-        columns = columns + change
-        for state, part in zip(states, reduced, strict=True):
-            state.move(part, change)
-    return columns, normal
-
-
-@dataclass(frozen=True, eq=False)
-class _Reduced:
-    """Normal equations of the C numbers of one window, and what gives back its motions and depths."""
-
-    H: Array  # (C, C)
-    b: Array  # (C,)
-    poses: tuple[Array, Array]  # solved for the motions: (6 (K - 1),) and (6 (K - 1), C) by the numbers
-    depths: tuple[Array, Array, Array]  # (N,), (N, 6 (K - 1)), (N, C)
+        depths = []
+        for state, at in zip(states, own, strict=True):
+            part, pull, *rest = state.reduce(columns, scale)
+            H[np.ix_(at, at)] += part
+            b[at] += pull
+            depths.append(rest)
+        change = np.linalg.solve(H, b)
+        columns = columns + change[:number]
+        for state, at, rest in zip(states, own, depths, strict=True):
+            state.move(change[at], *rest)
+    return columns, np.asarray(np.linalg.inv(H)[:number, :number], np.float64)
 
 
 class _State:
@@ -129,52 +127,47 @@ class _State:
         self.T_view_first = [SE3.identity()] * len(window.left)
         self.squares = self.freedom = 0.0
 
-    def reduce(self, columns: Array, scale: float) -> _Reduced:
-        """Linearize all pixels, eliminate depths, then motions."""
-        r, J_columns, J_inverse, J_poses = self._linearize(columns)
-        for part in (r, J_columns, J_inverse, J_poses):
+    @property
+    def size(self) -> int:
+        """Numbers of its motions."""
+        return 6 * (len(self.T_view_first) - 1)
+
+    def reduce(self, columns: Array, scale: float) -> tuple[Array, Array, Array, Array]:
+        """Return H and b of the C numbers and the motions, depths eliminated: (N,) and (N, C + size) give them back."""
+        r, J_inverse, J = self._linearize(columns)
+        for part in (r, J_inverse, J):
             part[~self.seen] = 0.0
-        size, views, squares = J_poses.shape[-1], self.seen.sum(axis=0), np.sum(r * r, axis=(0, 2))
+        views, squares = self.seen.sum(axis=0), np.sum(r * r, axis=(0, 2))
         weight = cauchy_weights(squares / (views * scale**2))  # (N,), of the whole corner
         self.squares = float(weight @ squares)
-        self.freedom = float(np.sum(weight * (3 * views - 3))) - size
-        J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, C + 6 (K - 1))
+        self.freedom = float(np.sum(weight * (3 * views - 3))) - self.size
         W = weight[:, None]
-        D = weight * np.sum(J_inverse**2, axis=(0, 2)) + 1e-9
+        D = weight * np.sum(J_inverse**2, axis=(0, 2)) + TINY
         E = W * np.einsum("kni,knij->nj", J_inverse, J)
         g = weight * np.einsum("kni,kni->n", J_inverse, r)
         weighted = (W[:, None] * J).reshape(-1, J.shape[-1])
         H = weighted.T @ J.reshape(weighted.shape) - (E / D[:, None]).T @ E
-        b = E.T @ (g / D) - weighted.T @ r.ravel()
-        n = len(columns)
-        poses = np.linalg.solve(H[n:, n:] + 1e-9 * np.eye(size), np.column_stack([b[n:], H[n:, :n]]))
-        depths = (-g / D, E[:, n:] / D[:, None], E[:, :n] / D[:, None])
-        return _Reduced(
-            H[:n, :n] - H[:n, n:] @ poses[:, 1:], b[:n] - H[:n, n:] @ poses[:, 0], (poses[:, 0], poses[:, 1:]), depths
-        )
+        return H, E.T @ (g / D) - weighted.T @ r.ravel(), -g / D, E / D[:, None]
 
-    def move(self, part: _Reduced, change: Array) -> None:
-        """Take the step that belongs to a change of the numbers."""
-        motion = part.poses[0] - part.poses[1] @ change
-        self.inverse = self.inverse + part.depths[0] - part.depths[1] @ motion - part.depths[2] @ change
-        self.inverse = np.maximum(self.inverse, 1e-4)
-        for k in range(1, len(self.T_view_first)):
-            self.T_view_first[k] = SE3.exp(motion[6 * (k - 1) : 6 * k]) @ self.T_view_first[k]
+    def move(self, change: Array, depths: Array, by_change: Array) -> None:
+        """Take the step that belongs to a change of the numbers and the motions."""
+        self.inverse = np.maximum(self.inverse + depths - by_change @ change, 1e-4)
+        motions = change[len(change) - self.size :].reshape(-1, 6)
+        self.T_view_first[1:] = [SE3.exp(xi) @ T for xi, T in zip(motions, self.T_view_first[1:], strict=True)]
 
-    def _linearize(self, columns: Array) -> tuple[Array, Array, Array, Array]:
-        """Return residuals (K, N, 3) of u, v and the right u, and their derivatives by columns, depth, motions."""
-        camera, K = self.camera, len(self.T_view_first)
-        shape = (K, len(self.rays), 3)
-        r, J_inverse = np.zeros(shape), np.zeros(shape)
-        J_columns, J_poses = np.zeros((*shape, len(columns))), np.zeros((*shape, 6 * (K - 1)))
+    def _linearize(self, columns: Array) -> tuple[Array, Array, Array]:
+        """Return residuals (K, N, 3) of u, v, the right u; their derivatives by depth, by the numbers and motions."""
+        camera, C = self.camera, len(columns)
+        shape = (len(self.T_view_first), len(self.rays), 3)
+        r, J_inverse, J = np.zeros(shape), np.zeros(shape), np.zeros((*shape, C + self.size))
         for k, T in enumerate(self.T_view_first):
             p = self.rays @ T.rotation.T + T.translation * self.inverse[:, None]  # point by its inverse depth
             p[:, 2] = np.maximum(p[:, 2], 1e-3)
             p_right = p - np.outer(self.inverse, (self.baseline_m, 0.0, 0.0))
             (left, _), (right, _) = camera.project(p), camera.project(p_right)
             place = tangents(camera, right)
-            basis = basis_of_columns(*place)[:, : len(columns)]
-            by_x, by_y = (part[:, : len(columns)] @ columns for part in slopes_of_columns(*place))
+            basis = basis_of_columns(*place)[:, :C]
+            by_x, by_y = (part[:, :C] @ columns for part in slopes_of_columns(*place))
             r[k, :, :2] = left - self.window.left[k]
             r[k, :, 2] = right[:, 0] + basis @ columns - self.window.right_u[k]
             by_right = np.column_stack([1 + by_x / camera.fx, by_y / camera.fy])  # of the right column by its pixel
@@ -183,8 +176,8 @@ class _State:
             )
             J_inverse[k] = by_point @ T.translation
             J_inverse[k, :, 2] -= by_point[:, 2, 0] * self.baseline_m
-            J_columns[k, :, 2] = basis
+            J[k, :, 2, :C] = basis
             if k:
-                J_poses[k, :, :, 6 * k - 6 : 6 * k - 3] = by_point * self.inverse[:, None, None]
-                J_poses[k, :, :, 6 * k - 3 : 6 * k] = -by_point @ so3.hat(p)
-        return r, J_columns, J_inverse, J_poses
+                own = J[k, ..., C + 6 * k - 6 : C + 6 * k]
+                own[..., :3], own[..., 3:] = by_point * self.inverse[:, None, None], -by_point @ so3.hat(p)
+        return r, J_inverse, J

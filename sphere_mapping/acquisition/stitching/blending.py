@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView, warp
+from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Bytes, Floats
 
 
@@ -26,64 +27,46 @@ def blend(layout: Layout, images: Mapping[str, Bytes], inverse_range: Floats | N
     """
     whole, colors = layout.whole, images[layout.views[0].rig_view.name].shape[2:]
     image = np.zeros((whole.height, whole.width, *colors), np.uint8)
-    parts = [
-        warp_view(view, images[view.rig_view.name], inverse_range, tiles)
-        for view, tiles in zip(layout.views, layout.tiles, strict=True)
-    ]
+    parts = [warp_view(view, images[view.rig_view.name], whole, inverse_range) for view in layout.views]
     for view, part in zip(layout.views, parts, strict=True):
-        _put(image, part, view.block, view.is_owned)
+        for tile in view.tiles:
+            cv2.copyTo(part[tile.slices()], view.is_owned[tile.slices()], image[tile.slices()])
+    is_covered = layout.is_covered.astype(np.uint8)
     for strip in layout.strips:
-        rows, columns = strip.inner
-        block = Block(
-            strip.block.row + rows.start,
-            (strip.block.column + columns.start) % whole.width,
-            rows.stop - rows.start,
-            columns.stop - columns.start,
-        )
-        is_covered = block.cut(layout.is_covered).astype(np.uint8)
-        _put(image, np.ascontiguousarray(_join(strip, layout, parts)[strip.inner]), block, is_covered)
+        inner = strip.shown.slices(strip.block.row, strip.block.column)
+        _put(image, np.ascontiguousarray(_join(strip, parts)[inner]), strip.shown, is_covered)
     return image
 
 
-def warp_view(
-    view: StitchedView, image: Bytes, inverse_range: Floats | None = None, tiles: Sequence[Block] | None = None
-) -> Bytes:
-    """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255.
-
-    tiles: what is needed of it, by the place in the block; 0 elsewhere.
-    """
-    block = view.block
-    part = np.zeros((block.height, block.width, *image.shape[2:]), np.uint8)
-    for tile in (Block(0, 0, block.height, block.width),) if tiles is None else tiles:
-        rows, columns = slice(tile.row, tile.row + tile.height), slice(tile.column, tile.column + tile.width)
-        if inverse_range is None:
-            maps = tuple(table[rows, columns] for table in view.table)
-        else:
-            place = Block(block.row + tile.row, block.column + tile.column, tile.height, tile.width)
-            maps = warp(view.lens, inverse_range, place)
+def warp_view(view: StitchedView, image: Bytes, whole: Spherical, inverse_range: Floats | None = None) -> Bytes:
+    """Return what a camera's image shows of a sphere (H, W[, 3]), 1 to 255; 0 outside of its tiles."""
+    part = np.zeros((whole.height, whole.width, *image.shape[2:]), np.uint8)
+    for tile, table in zip(view.tiles, view.tables, strict=True):
+        maps = table if inverse_range is None else warp(view.lens, inverse_range, tile)
         drawn = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        np.maximum(drawn, 1, out=part[rows, columns])
+        np.maximum(drawn, 1, out=part[tile.slices()])
     return part
 
 
 def _put(image: Bytes, part: Bytes, block: Block, mask: Bytes) -> None:
-    """Copy a block's part to the sphere where the mask is not 0; its columns wrap around."""
+    """Copy a block's part to the sphere where the mask (H, W) is not 0; its columns wrap around."""
     width, rows = image.shape[1], slice(block.row, block.row + block.height)
     first = min(block.width, width - block.column)
     for columns, place in ((slice(0, first), block.column), (slice(first, block.width), 0)):
         size = columns.stop - columns.start
         if size > 0:
-            cv2.copyTo(part[:, columns], mask[:, columns], image[rows, place : place + size])
+            to = rows, slice(place, place + size)
+            cv2.copyTo(part[:, columns], mask[to], image[to])
 
 
-def _join(strip: Strip, layout: Layout, parts: Sequence[Bytes]) -> Bytes:
+def _join(strip: Strip, parts: Sequence[Bytes]) -> Bytes:
     """Return the mixed image (h, w[, 3]) of a strip's block."""
     is_gray = parts[0].ndim == 2
     block, num_bands = strip.block, len(strip.shares[0].weights) - 1
     totals = _zeros(block, num_bands, 1 if is_gray else 3)
     for share in strip.shares:
         wanted = strip.part(share)
-        part = _cut(parts[share.view], layout.views[share.view].block, wanted, layout.whole.width)
+        part = wanted.cut(parts[share.view])
         if wanted == block:
             _add(part, share.weights, totals)
             continue
@@ -103,15 +86,6 @@ def _zeros(block: Block, num_bands: int, channels: int) -> list[NDArray[np.int16
     """Return zeros (h >> l, w >> l, channels) for the bands of a block, the finest first."""
     sizes = [block.at(level) for level in range(num_bands + 1)]
     return [np.zeros((size.height, size.width, channels), np.int16) for size in sizes]
-
-
-def _cut(part: Bytes, own: Block, wanted: Block, width: int) -> Bytes:
-    """Return a view's part (h, w[, 3]) of a strip's block; beyond what the view has, its border goes on."""
-    rows, columns = own.places_of(wanted, width)
-    inside = part[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] + 1 == rows.size else part[rows]
-    if columns[-1] - columns[0] + 1 == columns.size:
-        return inside[:, columns[0] : columns[-1] + 1]
-    return np.take(inside, columns, axis=1)
 
 
 def _add(image: Bytes, weights: Sequence[Floats], totals: Sequence[NDArray[np.int16]]) -> None:

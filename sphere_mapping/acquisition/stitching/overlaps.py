@@ -12,7 +12,6 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     DETAIL_WINDOW,
@@ -27,35 +26,33 @@ from sphere_mapping.acquisition.constants import (
     OVERLAP_GRID,
     VERY_FAR_M,
 )
-from sphere_mapping.acquisition.stitching.strips import Block
-from sphere_mapping.acquisition.stitching.views import RigView, block_around
-from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
+from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
+
+WINDOW = np.argwhere(np.ones((DETAIL_WINDOW, DETAIL_WINDOW))) - DETAIL_WINDOW // 2  # rows, columns around a direction
 
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Two cameras by number, the block of the grid in which both see, and where (h, w).
+    """Two cameras by number, and where (H, W) of the grid both see.
 
-    chosen: (N, 2), rows and columns of the block of the directions that are compared; angles: theirs (N,) in rad.
+    chosen: (N, 2), rows and columns of the directions that are compared; angles: those (2, N) of both in rad.
     """
 
-    first: int
-    second: int
-    block: Block
+    cameras: tuple[int, int]
     both: Flags
-    chosen: NDArray[np.int32]
-    angles: tuple[Array, Array]
+    chosen: Integers
+    angles: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What two cameras have in common: grey levels (M, channels) and angles (M,) rad of both."""
+    """What pairs of cameras have in common: their numbers (2, N), angles (2, N) in rad, levels (2, N, channels)."""
 
-    first: int
-    second: int
-    levels: tuple[Array, Array]
-    angles: tuple[Array, Array]
+    cameras: Integers
+    angles: Array
+    levels: Array
 
 
 class Overlaps:
@@ -76,14 +73,14 @@ class Overlaps:
         self.pairs = []
         for a, b in combinations(range(len(rig_views)), 2):
             both = is_inside[a] & is_inside[b]
-            block = block_around(both, OVERLAP_GRID, 1, 0, 1)
-            if block is not None and (number := np.count_nonzero(both & is_even)) >= MIN_SHARED:
-                chosen = np.argwhere(block.cut(both & is_even))[:: -(-number // MAX_SHARED)].astype(np.int32)
-                own_angles = (block.cut(angles[a])[*chosen.T], block.cut(angles[b])[*chosen.T])
-                self.pairs.append(Overlap(a, b, block, block.cut(both), chosen, own_angles))
+            chosen = np.argwhere(both & is_even)
+            if len(chosen) >= MIN_SHARED:
+                chosen = chosen[:: -(-len(chosen) // MAX_SHARED)]
+                own = np.stack([angles[k][*chosen.T] for k in (a, b)])
+                self.pairs.append(Overlap((a, b), both, chosen, own))
 
-    def compare(self, images: Mapping[int, Bytes]) -> list[Shared]:
-        """Return what pairs of the images (h, w[, 3]) by number of the camera have in common."""
+    def compare(self, images: Mapping[int, Bytes]) -> Shared | None:
+        """Return what pairs of the images (h, w[, 3]) by number of the camera have in common; None: nothing."""
         planes = {}
         for k, image in images.items():
             drawn = cv2.remap(_shrink(image, self._steps[k]), *self._maps[k], cv2.INTER_LINEAR)
@@ -91,34 +88,29 @@ class Overlaps:
         logs = {k: _mean_logarithm(plane) for k, plane in planes.items()}
         found, (low, high) = [], EXPOSED
         for pair in self.pairs:
-            if {pair.first, pair.second} <= set(images):
-                sides = (pair.first, pair.second)
-                fits = is_same_detail(logs[pair.first], logs[pair.second], pair.both, pair.block, pair.chosen)
-                rows, columns = pair.chosen[fits].T + np.array([[pair.block.row], [pair.block.column]])
-                first, second = (planes[k][rows, columns % OVERLAP_GRID.width].astype(np.float64) for k in sides)
-                good = np.all((np.minimum(first, second) > low) & (np.maximum(first, second) < high), axis=1)
-                if np.count_nonzero(good) >= MIN_SHARED:
-                    angles = (pair.angles[0][fits][good], pair.angles[1][fits][good])
-                    found.append(Shared(*sides, (first[good], second[good]), angles))
-        return found
+            if set(pair.cameras) <= set(images):
+                fits = is_same_detail(logs[pair.cameras[0]], logs[pair.cameras[1]], pair.both, pair.chosen)
+                levels = np.stack([planes[k][*pair.chosen[fits].T] for k in pair.cameras]).astype(np.float64)
+                good = np.all((levels > low) & (levels < high), axis=(0, 2))
+                if (number := np.count_nonzero(good)) >= MIN_SHARED:
+                    cameras = np.repeat(np.array(pair.cameras)[:, None], number, axis=1)
+                    found.append((cameras, pair.angles[:, fits][:, good], levels[:, good]))
+        return Shared(*(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))) if found else None
 
 
-def is_same_detail(first: Floats, second: Floats, both: Flags, block: Block, chosen: NDArray[np.int32]) -> Flags:
-    """Return at which of the chosen places (N, 2) of a block of two images of logarithms the detail correlates.
+def is_same_detail(first: Floats, second: Floats, both: Flags, chosen: Integers) -> Flags:
+    """Return at which of the chosen places (N, 2) of two images (H, W) of logarithms the detail around correlates.
 
-    Or neither has any. both: where (h, w) of the block both are seen.
+    Or neither has any. both: where (H, W) both are seen; columns wrap around.
     """
-    known, side = both.astype(np.float32), (DETAIL_WINDOW, DETAIL_WINDOW)
-    # About their means, else single precision would be too little for the squares.
-    x, y = (known * (plane - np.mean(plane)) for plane in map(block.cut, (first, second)))
-    sums = [
-        cv2.boxFilter(plane, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for plane in (known, x, y, x * x, y * y, x * y)
-    ]
-    number, a, b, aa, bb, ab = (plane[*chosen.T].astype(np.float64) for plane in sums)
-    number = np.maximum(number, 1.0)
-    a, b = a / number, b / number
-    aa, bb, ab = np.maximum(aa / number - a * a, 0.0), np.maximum(bb / number - b * b, 0.0), ab / number - a * b
+    height, width = both.shape
+    rows, columns = chosen[:, :1] + WINDOW[:, 0], (chosen[:, 1:] + WINDOW[:, 1]) % width
+    around = np.clip(rows, 0, height - 1), columns
+    known = both[around] & (rows >= 0) & (rows < height)
+    number = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    x, y = (np.where(known, plane[around].astype(np.float64), 0.0) for plane in (first, second))
+    x, y = (np.where(known, part - part.sum(axis=1, keepdims=True) / number, 0.0) for part in (x, y))
+    aa, bb, ab = (np.sum(one * other, axis=1) / number[:, 0] for one, other in ((x, x), (y, y), (x, y)))
     most, least = np.maximum(aa, bb), np.minimum(aa, bb)
     is_like = (ab > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL**2)
     return both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))

@@ -26,6 +26,11 @@ class Block:
     height: int
     width: int
 
+    def slices(self, row: int = 0, column: int = 0) -> tuple[slice, slice]:
+        """Return its rows and columns in an array that begins at (row, column) and does not wrap around."""
+        top, left = self.row - row, self.column - column
+        return slice(top, top + self.height), slice(left, left + self.width)
+
     def at(self, level: int) -> Block:
         """Return the block in a pyramid level."""
         return Block(self.row >> level, self.column >> level, self.height >> level, self.width >> level)
@@ -40,23 +45,13 @@ class Block:
             place += parts[-1].shape[1]
         return np.concatenate(parts, axis=1)
 
-    def places_of(self, wanted: Block, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return which rows and columns of this block are those of another one; beyond what it has, its border.
-
-        width: columns of the sphere.
-        """
-        columns = (np.arange(wanted.width) + wanted.column - self.column) % width
-        is_beyond = columns >= self.width
-        columns[is_beyond] = np.where(2 * columns[is_beyond] < self.width + width, self.width - 1, 0)
-        return np.clip(np.arange(wanted.height) + wanted.row - self.row, 0, self.height - 1), columns
-
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A block of the sphere in which views mix; of it, `inner` (rows, columns of the block) is shown."""
+    """A block of the sphere in which views mix, and the part of it that is shown."""
 
     block: Block
-    inner: tuple[slice, slice]
+    shown: Block
     shares: tuple[Share, ...]
 
     def part(self, share: Share) -> Block:
@@ -85,50 +80,49 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
     found = []
     for rows in _bands(owner.shape[0], 1 << num_bands):
         for first, last in _runs(np.any(mixed[rows], axis=0), 2 * margin, 1 << num_bands):
-            block, inner = _with_margin(rows, first, last, owner.shape, margin)
-            shares = [share for k, levels in weights.items() for share in _shares(k, levels, block, margin)]
-            found.append(Strip(block, inner, tuple(shares)))
+            top, bottom = max(rows.start - margin, 0), min(rows.stop + margin, owner.shape[0])
+            # one view has a run's ends to itself; a whole round has none
+            side = margin if last - first == owner.shape[1] else 0
+            block = Block(top, first - side, bottom - top, last - first + 2 * side)
+            shown = Block(rows.start, first, rows.stop - rows.start, last - first)
+            shares = [share for k in range(number) for share in _shares(k, weights, block, margin)]
+            found.append(Strip(block, shown, tuple(shares)))
     return tuple(found)
 
 
-def _shares(view: int, levels: Sequence[Floats], block: Block, margin: int) -> Iterator[Share]:
-    """Yield where a view whose weights (H >> l, W >> l) of the sphere are given has a share in a block."""
-    own = [block.at(level).cut(weight) for level, weight in enumerate(levels)]
+def _shares(view: int, weights: Sequence[Floats], block: Block, margin: int) -> Iterator[Share]:
+    """Yield where a view has a share in a block; weights: as of `_weights`."""
+    own = [block.at(level).cut(weight[view]) for level, weight in enumerate(weights)]
     has_share = np.any([np.repeat(weight.any(axis=0), 1 << level) for level, weight in enumerate(own)], axis=0)
-    at, align = np.flatnonzero(has_share), 1 << (len(own) - 1)
-    for part in np.split(at, np.flatnonzero(np.diff(at) > 2 * margin) + 1) if at.size else ():
-        first = max(int(part[0]) - margin, 0) // align * align
-        last = min(-(-(int(part[-1]) + 1 + margin) // align) * align, block.width)
-        weights = (np.ascontiguousarray(weight[:, first >> k : last >> k]) for k, weight in enumerate(own))
-        yield Share(view, slice(first, last), tuple(weights))
+    apart = np.zeros(2 * margin + 1, np.bool_)  # a block does not go around
+    for first, last in _runs(np.append(has_share, apart), 2 * margin, 1 << (len(own) - 1)):
+        first, last = max(first - margin, 0), min(last + margin, block.width)
+        parts = (np.ascontiguousarray(weight[:, first >> k : last >> k]) for k, weight in enumerate(own))
+        yield Share(view, slice(first, last), tuple(parts))
 
 
-def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Floats]]:
-    """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
-    pyramids = {}
-    for k in range(number):
-        levels = [(owner == k).astype(np.float32)]
-        for _ in range(num_bands):
-            levels.append(halve_image(levels[-1], is_whole=True))
-        pyramids[k] = levels
-    for level in range(num_bands + 1):
-        total = np.sum([levels[level] for levels in pyramids.values()], axis=0)
-        for levels in pyramids.values():
-            levels[level] = np.where(total > 1e-3, levels[level] / np.maximum(total, 1e-3), np.float32(0.0))
-    return pyramids
+def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> list[Floats]:
+    """Return the share (views, H >> l, W >> l) of each view in each band: its region, blurred; 1 in all if covered."""
+    levels = [np.stack([(owner == k).astype(np.float32) for k in range(number)])]
+    for _ in range(num_bands):
+        levels.append(np.stack([halve_image(plane, is_whole=True) for plane in levels[-1]]))
+    totals = [level.sum(axis=0) for level in levels]
+    return [
+        np.where(total > 1e-3, level / np.maximum(total, np.float32(1e-3)), np.float32(0.0))
+        for level, total in zip(levels, totals, strict=True)
+    ]
 
 
-def _mix(weights: dict[int, list[Floats]]) -> Flags:
+def _mix(weights: Sequence[Floats]) -> Flags:
     """Return the pixels (H, W) that more than one view has a share in, through any band."""
-    found: Flags | None = None
-    for level in reversed(range(len(weights[0]))):
-        highest = np.max([levels[level] for levels in weights.values()], axis=0)
+    found: Flags = np.zeros((0, 0), np.bool_)
+    for level in reversed(weights):
+        highest = level.max(axis=0)
         here = (highest > 0) & (highest < ALONE)
-        if found is not None:
+        if found.size:
             padded = around(twice(found.astype(np.uint8)), 2, is_whole=True)
             here |= cv2.dilate(padded, np.ones((5, 5), np.uint8))[:, 2:-2][: here.shape[0], : here.shape[1]] > 0
         found = here
-    assert found is not None
     return found
 
 
@@ -156,12 +150,3 @@ def _runs(columns: Flags, gap: int, align: int) -> list[tuple[int, int]]:
         begin, end = int(first) // align * align, -(-(int(last) + 1) // align) * align
         found.append((begin, end if end > begin else end + width))
     return found
-
-
-def _with_margin(
-    rows: slice, first: int, last: int, shape: tuple[int, ...], margin: int
-) -> tuple[Block, tuple[slice, slice]]:
-    top, bottom = max(rows.start - margin, 0), min(rows.stop + margin, shape[0])
-    side = margin if last - first == shape[1] else 0  # one view has a run's ends to itself; a whole round has none
-    block = Block(top, (first - side) % shape[1], bottom - top, last - first + 2 * side)
-    return block, (slice(rows.start - top, rows.stop - top), slice(side, side + last - first))

@@ -1,8 +1,7 @@
 """Which pixel of which camera a pixel of the sphere is, computed once for every set of cameras that deliver.
 
-Each direction belongs to the camera that sees it farthest from its border; that region and a band around it, wide
-enough for the blending, is the camera's *block* of the sphere. Blocks are cut out modulo the columns: nothing knows a
-seam.
+Each direction belongs to the camera that sees it farthest from its border. A camera is drawn there, and where strips
+mix it with others: in *tiles*, rectangles of the sphere.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import GRID_STEP, MAX_HALF_TANGENT, TABLE_SIDE, VERY_FAR_M
+from sphere_mapping.acquisition.constants import MAX_HALF_TANGENT, TABLE_SIDE, VERY_FAR_M
 from sphere_mapping.acquisition.kernels import warp_by_range
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_mapping.acquisition.stitching.tiles import tiles_of
@@ -70,27 +69,27 @@ class RigView:
 
 @dataclass(frozen=True, eq=False)
 class StitchedView:
-    """One camera's part in a sphere: where its pixels are, and which of the block's pixels it alone shows."""
+    """One camera's part in a sphere: which pixels it alone shows, and in which rectangles it is needed at all.
+
+    lens: of `warp_by_range`: beyond what the camera sees the nearest that it does. is_owned: (H, W), not 0 where the
+    sphere shows this camera. tables: fixed-point maps of cv2.remap for each of the tiles, at the common distance.
+    """
 
     rig_view: RigView
-    block: Block
-    table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
-    is_owned: Bytes  # (h, w), 255 where the sphere shows this camera
-    lens: Lens  # of `warp_by_range`: beyond what the camera sees the nearest that it does
+    lens: Lens
+    is_owned: Bytes
+    tiles: tuple[Block, ...]
+    tables: tuple[tuple[NDArray, NDArray], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix.
-
-    tiles: what is needed of each view's block, by the place in it.
-    """
+    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix."""
 
     whole: Spherical
     views: tuple[StitchedView, ...]
     owner: NDArray[np.int8]
     strips: tuple[Strip, ...]
-    tiles: tuple[tuple[Block, ...], ...]
 
     @property
     def is_covered(self) -> Flags:
@@ -128,54 +127,22 @@ def border_of(part: RigCamera, mask: Bytes | None) -> Floats:
 
 def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
     """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
-    align, margin, far_m = 1 << num_bands, 4 << num_bands, distance_m or VERY_FAR_M
-    coarse = _owners(rig_views, whole, far_m, GRID_STEP)
-    blocks = [block_around(coarse == k, whole, GRID_STEP, margin, align) for k in range(len(rig_views))]
-    kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
+    far_m = distance_m or VERY_FAR_M
+    points = pixel_rays(whole) * far_m
     best = np.zeros((whole.height, whole.width), np.float32)
     owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
-    for number, (rig_view, block) in enumerate(kept):
-        border = rig_view.project(block_rays(whole, block) * far_m)[2]
-        rows = slice(block.row, block.row + block.height)
-        columns = np.arange(block.column, block.column + block.width) % whole.width
-        is_better = border > best[rows, columns]
-        best[rows, columns] = np.where(is_better, border, best[rows, columns])
-        owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
+    for number, rig_view in enumerate(rig_views):
+        border = rig_view.project(points)[2]
+        owner[border > best] = number
+        best = np.maximum(best, border)
+    strips = strips_of(owner, len(rig_views), num_bands)
     views, inverse = [], np.full(best.shape, 1.0 / far_m, np.float32)
-    for number, (rig_view, block) in enumerate(kept):
-        is_owned = np.ascontiguousarray(block.cut((owner == number).astype(np.uint8) * np.uint8(255)))
-        lens = continued_lens(rig_view.lens)
-        table = cv2.convertMaps(*warp(lens, inverse, block), cv2.CV_16SC2)
-        views.append(StitchedView(rig_view, block, table, is_owned, lens))
-    strips = strips_of(owner, len(kept), num_bands)
-    tiles = (
-        tiles_of(number, view.block, view.is_owned, strips, align, whole.width) for number, view in enumerate(views)
-    )
-    return Layout(whole, tuple(views), owner, strips, tuple(tiles))
-
-
-def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
-    """Return the smallest aligned block with a margin around the wanted pixels, given at every step-th one."""
-    if not is_wanted.any():
-        return None
-    rows = np.flatnonzero(is_wanted.any(axis=1))
-    top = max((rows[0] * step - margin - step) // align * align, 0)
-    bottom = min(-(-((rows[-1] + 1) * step + margin + step) // align) * align, whole.height)
-    columns = np.flatnonzero(is_wanted.any(axis=0))
-    gaps = np.diff(np.append(columns, columns[0] + is_wanted.shape[1]))
-    widest = int(np.argmax(gaps))
-    first = int(columns[(widest + 1) % columns.size])
-    span = is_wanted.shape[1] - int(gaps[widest]) + 1
-    left = (first * step - margin - step) // align * align
-    right = -(-((first + span) * step + margin + step) // align) * align
-    return Block(int(top), int(left % whole.width), int(bottom - top), int(min(right - left, whole.width)))
-
-
-def block_rays(whole: Spherical, block: Block, step: int = 1) -> Array:
-    """Return unit rays of every step-th pixel of a block."""
-    v = block.row + step * np.arange(-(-block.height // step))
-    u = block.column + step * np.arange(-(-block.width // step))
-    return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
+    for number, rig_view in enumerate(rig_views):
+        is_owned, lens = owner == number, continued_lens(rig_view.lens)
+        tiles = tuple(tiles_of(number, is_owned, strips, 1 << num_bands))
+        tables = tuple(cv2.convertMaps(*warp(lens, inverse, tile), cv2.CV_16SC2) for tile in tiles)
+        views.append(StitchedView(rig_view, lens, is_owned.astype(np.uint8), tiles, tables))
+    return Layout(whole, tuple(views), owner, strips)
 
 
 def axes_of(shape: tuple[int, ...]) -> tuple[Array, Array]:
@@ -199,10 +166,3 @@ def continued_lens(lens: Lens) -> Lens:
     R, b, extent, table = lens
     *pixels, border = np.moveaxis(table, -1, 0)
     return R, b, extent, np.stack([continued(plane, border > 0).ravel() for plane in pixels], axis=-1)
-
-
-def _owners(rig_views: Sequence[RigView], whole: Spherical, far_m: float, step: int) -> NDArray[np.int8]:
-    rays = block_rays(whole, Block(0, 0, whole.height, whole.width), step) * far_m
-    borders = np.stack([rig_view.project(rays)[2] for rig_view in rig_views])
-    owner = np.argmax(borders, axis=0).astype(np.int8)
-    return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))

@@ -23,6 +23,11 @@ class Camera(Protocol):
 
     model: ClassVar[str]
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it sees in every direction, so that its columns wrap around."""
+        ...
+
     def __hash__(self) -> int:
         """Cameras are values: equal ones hash alike, so that tables made for one can be kept."""
         ...
@@ -98,6 +103,7 @@ class Focal(ABC):
     fy: float
     cx: float
     cy: float
+    is_whole = False
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)

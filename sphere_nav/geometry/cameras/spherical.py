@@ -113,6 +113,6 @@ def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camer
 
 
 def _can_halve(camera: Camera, min_side: int) -> bool:
-    if isinstance(camera, Spherical) and camera.is_whole and (camera.width % 4 or camera.height % 2):
+    if camera.is_whole and (camera.width % 4 or camera.height % 2):
         return False
     return min(camera.width, camera.height) // 2 >= min_side

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry import Camera
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.constants import CONE_GRID, CONE_MARGIN
 
@@ -42,7 +42,7 @@ def rolling(camera: Camera, twist: NDArray[np.float64]) -> KernelCamera:
 @lru_cache(maxsize=64)
 def view_cone(camera: Camera) -> Floats:
     """Return the cone that holds all rays of a camera: axis (3,) and half angle in radians, together (4,) float32."""
-    if isinstance(camera, Spherical) and camera.is_whole:
+    if camera.is_whole:
         return EVERYWHERE
     u, v = np.linspace(-0.5, camera.width - 0.5, CONE_GRID), np.linspace(-0.5, camera.height - 0.5, CONE_GRID)
     rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)).reshape(-1, 3)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry import Camera
 from sphere_nav.geometry.cameras.camera import Focal
 from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
@@ -148,7 +148,7 @@ def check_image(image: Image, camera: Camera) -> None:
 
 def pad_of(camera: Camera) -> int:
     """Return how many columns of its other edge an image carries on both sides: one where it closes, else none."""
-    return int(isinstance(camera, Spherical) and camera.is_whole)
+    return int(camera.is_whole)
 
 
 def _pad(image: Image, pad: int) -> Image:

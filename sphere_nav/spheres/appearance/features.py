@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry import Camera
 from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 from sphere_nav.spheres.constants import (
     CONTRAST,
@@ -86,7 +86,7 @@ def features_of_image(
     size = camera.width // shrink, camera.height // shrink
     image = np.clip(np.rint(cv2.resize(gray, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / size
-    pad = FEATURE_SEAM if isinstance(camera, Spherical) and camera.is_whole else 0
+    pad = FEATURE_SEAM if camera.is_whole else 0
     if pad:
         image = np.ascontiguousarray(np.hstack([image[:, -pad:], image, image[:, :pad]]))
     mask = _usable(camera, size, pad) if pad else None  # what is left out below is not described
@@ -124,8 +124,7 @@ def _usable(camera: Camera, size: tuple[int, int], pad: int) -> Bytes:
 
 def _shrink(camera: Camera, *, is_fine: bool = False) -> int:
     """Return the whole factor by which an image is made smaller: what is seen from metres apart is not finer."""
-    is_whole = isinstance(camera, Spherical) and camera.is_whole
-    limit = (MAX_WHOLE if is_whole else MAX_PARTIAL) * (FINE_FACTOR if is_fine else 1.0)
+    limit = (MAX_WHOLE if camera.is_whole else MAX_PARTIAL) * (FINE_FACTOR if is_fine else 1.0)
     factor = 1
     while (
         camera.pixels_per_radian / factor > limit

@@ -120,7 +120,7 @@ def _draw(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> tuple[Flo
     small, camera = _shrink(np.asarray(image, np.float32), camera)
     pixels, is_seen = camera.project(_rays() @ T_level_camera.rotation)
     u, v = np.moveaxis(np.nan_to_num(pixels, nan=-1.0), -1, 0).astype(np.float32)
-    border = cv2.BORDER_WRAP if isinstance(camera, Spherical) and camera.is_whole else cv2.BORDER_REPLICATE
+    border = cv2.BORDER_WRAP if camera.is_whole else cv2.BORDER_REPLICATE
     gray = cv2.remap(small, u, v, cv2.INTER_LINEAR, borderMode=border)
     gray = np.where(is_seen & np.isfinite(gray), gray, np.nan)
     along, across = np.roll(gray, -1, axis=1) - np.roll(gray, 1, axis=1), np.full_like(gray, np.nan)

@@ -19,7 +19,6 @@ from sphere_nav.spheres.appearance.dictionary import Dictionary
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import MAX_REPEATS, MAX_RISE, NUM_TURN_BINS, TURN_WINDOW
 
-RATIO = 8  # between the sizes of two parts of the postings, at least
 MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
 
 
@@ -45,7 +44,7 @@ class Postings:
 
     @staticmethod
     def join(parts: Sequence[Postings]) -> Postings:
-        """Return some together; those of a word in the order in which they came."""
+        """Return some together, sorted by word; those of a word in the order in which they came."""
         words = np.concatenate([one.words for one in parts])
         order = np.argsort(words, kind="stable")
         rows, places = np.concatenate([one.rows for one in parts]), np.concatenate([one.angles for one in parts])
@@ -68,8 +67,7 @@ class AppearanceIndex:
         self.features: MutableMapping[int, Features] = {} if features is None else features
         self.words: dict[int, Integers] = {}
         self._ids: list[int] = []
-        self._parts: list[Postings] = []  # the largest and oldest first
-        self._new: list[Postings] = []  # not looked up yet
+        self._postings: list[Postings] = []  # all that have been looked up, then those of new key spheres
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -88,7 +86,7 @@ class AppearanceIndex:
         self._ids.append(sphere_id)
         seen, (azimuth, elevation) = telling(words), angles(features.rays)
         places = np.column_stack([azimuth, elevation]).astype(np.float32)[seen]
-        self._new.append(Postings(words[seen], np.full(len(seen), row, np.int32), places))
+        self._postings.append(Postings.join([Postings(words[seen], np.full(len(seen), row, np.int32), places)]))
 
     def find(self, features: Features, count: int, without: Iterable[int] = ()) -> list[Likeness]:
         """Return up to `count` key spheres, the likest first; rays of the image in axes about upright (z up)."""
@@ -112,8 +110,10 @@ class AppearanceIndex:
         words = self.dictionary.read(features.unit_descriptors())
         asked = telling(words)
         own = np.column_stack(angles(features.rays))[asked]
-        cells = [self._turns(postings, words[asked], own) for postings in self._sorted()]
-        total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_TURN_BINS)
+        if len(self._postings) > 1:  # new ones
+            self._postings = [Postings.join(self._postings)]
+        cells = self._turns(self._postings[0], words[asked], own)
+        total = np.bincount(cells, minlength=len(self._ids) * NUM_TURN_BINS)
         return total.reshape(-1, NUM_TURN_BINS)
 
     def _turns(self, postings: Postings, words: Integers, own: Array) -> Integers:
@@ -127,16 +127,6 @@ class AppearanceIndex:
         cell = postings.rows[place].astype(np.int64) * NUM_TURN_BINS + turn_bin
         size = len(self._ids) * NUM_TURN_BINS
         return np.unique(feature * size + cell) % size
-
-    def _sorted(self) -> list[Postings]:
-        """Return all postings by word, in a few parts; what is new joins the rest where it has become large."""
-        if self._new:
-            self._parts.append(Postings.join(self._new))
-            self._new = []
-        while len(self._parts) > 1 and len(self._parts[-2].words) < RATIO * len(self._parts[-1].words):
-            last = self._parts.pop()
-            self._parts[-1] = Postings.join([self._parts[-1], last])
-        return self._parts
 
 
 def log_tail(counts: Integers, means: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from sphere_mapping.experiences.budget import thin
+from sphere_mapping.experiences.budget import describe_loss, thin
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.arrays import Array
@@ -25,13 +25,12 @@ def thin_map(
     known: the map that the drive extends; budget: experiences that a place may hold; positions (P, 3): of all spheres
     of the drive; new: key spheres that show what the map did not.
     """
-    told = []
+    told, kept = list[str](), graph
     if mapper.params.key.merge:
-        merged = merge(graph, positions, known.graph.nodes if known is not None else (), new)
-        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] * bool(merged.replaced)
-        graph = merged.graph
+        kept = merge(graph, positions, known.graph.nodes if known is not None else (), new)
+        told += describe_loss(graph, kept, "merged with others of their places")
     if budget is not None:
-        is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
-        graph, num_left = thin(graph, budget, is_whole=is_whole)
-        told += [f"{num_left} key spheres left for the budget"] * bool(num_left)
-    return graph, told
+        merged, is_whole = kept, mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
+        kept = thin(merged, budget, is_whole=is_whole)
+        told += describe_loss(merged, kept, "left for the budget")
+    return kept, told

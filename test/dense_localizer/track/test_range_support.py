@@ -50,7 +50,7 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
     nodes = [KeySphere(one, one, SE3.from_planar(float(one), 0.0, 0.0)) for one in likeness]
 
     def measure(one, image, T_guess):
-        return SimpleNamespace(likeness=likeness[one], T_a_b=T_guess @ SLIP, honest_covariance=np.eye(6))
+        return SimpleNamespace(likeness=likeness[one], T_a_b=T_guess @ SLIP, covariance=np.eye(6))
 
     monkeypatch.setattr("dense_localizer.track.range_support.measure_motion_by_ranges", measure)
     by_map = np.diag([4.0, 1.0, 2.0, 0.5, 3.0, 6.0])

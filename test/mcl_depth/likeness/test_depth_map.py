@@ -47,12 +47,12 @@ def visual():
 def test_a_position_is_at_most_max_distance_from_its_depth_image():
     synthesizer, depth_map = made(max_distance=0.25)
     places = np.random.default_rng(1).uniform(-4, 4, (200, 2))
-    for place in places:
-        depth_map.depth_at(place)
+    depth_map.fill(places)
     middles = np.concatenate(synthesizer.asked)
-    assert np.linalg.norm(middles[:, :2] - places, axis=1).max() <= 0.25
+    apart = np.linalg.norm(middles[:, None, :2] - places, axis=2)
+    assert apart.min(axis=0).max() <= 0.25
     np.testing.assert_allclose(middles[:, 2], 1.5)
-    assert depth_map.depth_at(np.array([9.0, 0.0])) is None
+    assert depth_map.ranges_from(np.array([9.0, 0.0, 0.0])) is None
 
 
 def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):

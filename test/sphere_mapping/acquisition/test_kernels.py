@@ -11,8 +11,9 @@ from sphere_mapping.acquisition.range.epipolar import correct_baseline
 from sphere_mapping.acquisition.range.fusion import fuse_sources
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_mapping.acquisition.stitching.strips import Block
-from sphere_mapping.acquisition.stitching.views import block_rays, continued_lens, warp
+from sphere_mapping.acquisition.stitching.views import continued_lens, warp
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from worlds.rig import OPTICAL
 
@@ -55,9 +56,9 @@ def test_pixels_by_range_are_where_the_camera_sees_these_points_whatever_its_mod
     view = Layouts(Rig((RigCamera("a", lens, SE3.from_parts(OPTICAL, [0.1, 0.3, -0.2])),)), PARAMS, {}).views["a"]
     view = replace(view, T_sphere_camera=SE3.from_parts(OPTICAL, [0.1, 0.3, -0.2]))
     inverse = np.random.default_rng(4).uniform(0, 1, (64, 128)).astype(np.float32)
-    block = Block(3, 30, 50, 110)  # round the back
+    block = Block(3, 15, 50, 110)
     found = np.stack(warp(continued_lens(view.lens), inverse, block))
-    rays = block_rays(Spherical(128, 64), block)
+    rays = block.cut(pixel_rays(Spherical(128, 64)))
     *expected, border = view.project(rays / np.maximum(block.cut(inverse), 1e-6)[..., None])
     seen = border > 0.1
     assert seen.mean() > 0.05

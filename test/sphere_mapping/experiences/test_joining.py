@@ -138,7 +138,7 @@ def test_where_all_corners_are_alike_ranges_tell_no_place(num_balls, aside_m, is
 
 
 def test_ranges_of_eight_spheres_of_a_drive_are_sought_in_forty_of_a_map_and_sixteen_places_of_each_kept(monkeypatch):
-    asked, fit = [], SimpleNamespace(likeness=0.5, T_a_b=SE3.identity(), honest_covariance=np.eye(6))
+    asked, fit = [], SimpleNamespace(likeness=0.5, T_a_b=SE3.identity(), covariance=np.eye(6))
     monkeypatch.setattr(joining, "_fit_all", lambda a, b: asked.append(a) or [fit])
     base, drive = (submap(Cave(), [SE3.identity()] * number, 0, camera=Spherical(16, 8)) for number in (80, 16))
     found = joining.search_by_ranges(base.graph, drive, lambda number: number)
@@ -196,7 +196,7 @@ def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng, monkeypatch):
     expected = np.cov(drawn.T) + np.diag(np.repeat([0.002 + 0.01 * away, 0.0005], 3) ** 2)
     sigma = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.05)
-    fit = SimpleNamespace(T_a_b=T_a_sphere, honest_covariance=root @ root.T)  # by ranges, without that floor
+    fit = SimpleNamespace(T_a_b=T_a_sphere, covariance=root @ root.T)  # by ranges, without that floor
     image = SimpleNamespace(track=Track(7, 100, T_key_sphere), ranges=None)
     monkeypatch.setattr(joining, "find_places", lambda *_: [Place(SimpleNamespace(id=0), image, T_a_sphere)])
     monkeypatch.setattr(joining, "fit_both_ways", lambda *_: (fit, fit))

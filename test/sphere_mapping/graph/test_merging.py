@@ -6,6 +6,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 STEP = 1e-6
+NOWHERE = np.zeros((0, 3))
 
 
 def random_edge(rng, a, b):
@@ -58,35 +59,38 @@ def line(*positions, regions=None, loops=()):
 def test_the_newer_of_two_spheres_of_a_place_leaves_and_its_edges_are_composed():
     graph = line(0.0, 2.0, 4.0, 2.2, 0.3, loops=[(1, 3), (0, 4)])
     merged = merge(graph, np.zeros((0, 3)))
-    assert merged.replaced == {4: 0, 3: 1}
-    assert list(merged.graph.nodes) == [0, 1, 2]
+    assert list(merged.nodes) == [0, 1, 2]
     # 4 left: 3-0 through 4; then 3: 2-1 and 0-1 through 3
-    assert [(edge.a, edge.b) for edge in merged.graph.edges if edge.is_loop] == [(1, 0), (1, 2)]
-    for edge in merged.graph.edges:
+    assert [(edge.a, edge.b) for edge in merged.edges if edge.is_loop] == [(1, 0), (1, 2)]
+    for edge in merged.edges:
         expected = graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
         np.testing.assert_allclose(edge.T_a_b.matrix, expected.matrix, atol=1e-9)
-    composed = merged.graph.edges[-1]  # 2-3 and 3-1: 1e-4 each, and what the turns of one do to the other
+    composed = merged.edges[-1]  # 2-3 and 3-1: 1e-4 each, and what the turns of one do to the other
     assert np.linalg.inv(composed.information)[0, 0] == pytest.approx(2e-4)
 
 
+def left(graph, positions=NOWHERE, **given):
+    """Ids of those that are not in the map any more."""
+    return graph.nodes.keys() - merge(graph, positions, **given).nodes.keys()
+
+
 def test_a_sphere_stays_without_a_loop_or_where_its_region_is_needed_or_on_request():
-    here = np.zeros((0, 3))
-    assert merge(line(0.0, 2.0, 4.0, 2.2), here).replaced == {}
+    assert left(line(0.0, 2.0, 4.0, 2.2)) == set()
     graph = line(0.0, 2.0, 4.0, 2.2, loops=[(1, 3)])
-    assert merge(graph, here).graph.nodes.keys() == {0, 1, 2}
-    assert merge(graph, here, staying={3, 1}).replaced == {}
-    assert merge(line(0.0, 2.0, 4.0, 2.2, regions=[0.3] * 4, loops=[(1, 3)]), here).replaced == {}
+    assert left(graph) == {3}
+    assert left(graph, staying={3, 1}) == set()
+    assert left(line(0.0, 2.0, 4.0, 2.2, regions=[0.3] * 4, loops=[(1, 3)])) == set()
     beside = np.array([[2.3, 0.2, 0.0], [2.3, 2.5, 0.0]])  # taken nearest to 3; the second one by it alone
-    assert merge(graph, beside[:1]).replaced == {3: 1}
-    assert merge(graph, beside).replaced == {1: 3}  # so the older one leaves, whose place 3 serves
-    assert [(e.a, e.b) for e in merge(line(0.0, 1.0), here).graph.edges] == [(0, 1)]
+    assert left(graph, beside[:1]) == {3}
+    assert left(graph, beside) == {1}  # so the older one leaves, whose place 3 serves
+    assert [(e.a, e.b) for e in merge(line(0.0, 1.0), np.zeros((0, 3))).edges] == [(0, 1)]
 
 
 def test_a_sphere_of_another_look_is_replaced_by_its_own_experience_alone():
     """4 is where 0 was: the same place, and by its look no other."""
     night = Experience("night")
     graph = line(0.0, 2.0, 4.0, 2.2, 0.3, loops=[(1, 3), (0, 4)]).with_nodes({4: {"experience": night}})
-    assert set(merge(graph, np.zeros((0, 3))).replaced) == {3, 4}
-    assert set(merge(graph, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3}
+    assert left(graph) == {3, 4}
+    assert left(graph, staying=[0], unlike=[4]) == {3}
     both = graph.with_nodes({0: {"experience": night}})
-    assert set(merge(both, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3, 4}
+    assert left(both, staying=[0], unlike=[4]) == {3, 4}

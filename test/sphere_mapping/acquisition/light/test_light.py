@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.light.light import Falloff, Light, PairRatios, falloff
+from sphere_mapping.acquisition.light.light import Falloff, Light, PairRatios, apply_gain, falloff
 from sphere_mapping.acquisition.stitching.views import RigView, border_of
 from sphere_nav.geometry import SE3, Fisheye, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -56,6 +56,11 @@ def test_the_ratio_of_exposures_is_found_beside_the_falloff():
     np.testing.assert_allclose(gains["b"] / gains["a"], 200 / 140, rtol=0.02)
 
 
+def test_cameras_of_one_exposure_have_one_gain():
+    _, gains = light(groups={"a": "both", "b": "both"}).balance({"a": picture(), "b": picture()})
+    np.testing.assert_allclose([gains["a"], gains["b"]], 1.0)
+
+
 def test_a_color_departs_from_its_camera_by_the_bound_at_most():
     _, gains = light().balance({"a": picture(), "b": picture(colors=(1.0, 0.5, 1.0))})
     mean = np.log(2.0) / 6  # of the logarithms of three colours, half of it at either camera
@@ -93,3 +98,12 @@ def test_no_lens_is_said_to_brighten_towards_its_rim(rng):
     found = Falloff(["lens", "lens"])
     found.update(comparison(rng, lenses=(-TRUE, -TRUE)), 2)
     assert found.coefficients.max() <= 0.0
+
+
+def test_a_gain_multiplies_and_white_stays_white():
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    darker = apply_gain(image, np.array([0.5])).astype(int)
+    np.testing.assert_array_equal(darker.flat[:236], np.rint(0.5 * np.arange(236)).astype(int))
+    assert darker.flat[255] == 255
+    assert np.all(np.diff(darker.ravel()) >= 0)
+    assert apply_gain(image, np.array([3.0])).flat[100] == 255

@@ -1,4 +1,4 @@
-"""Tiles of a view's block hold all that a sphere needs of it, once, and leave out the rest."""
+"""Tiles of a view hold all that a sphere needs of it, once, and leave out the rest."""
 
 from dataclasses import replace
 
@@ -13,31 +13,26 @@ from sphere_mapping.acquisition.stitching.tiles import tiles_of
 from sphere_nav.params import build
 from worlds.rig import vertical_rig
 
-STEP, WHOLE = 16, 256
-BLOCK = Block(0, 192, 128, 128)  # around the seam of the columns
+STEP, HEIGHT, WHOLE = 16, 128, 256
 
 
-def covered(tiles, block=BLOCK):
-    found = np.zeros((block.height, block.width), int)
+def covered(tiles, shape=(HEIGHT, WHOLE)):
+    found = np.zeros(shape, int)
     for tile in tiles:
-        found[tile.row : tile.row + tile.height, tile.column : tile.column + tile.width] += 1
+        found[tile.slices()] += 1
     return found
 
 
-def tiles(is_owned=None, strips=(), view=1):
-    nothing = np.zeros((BLOCK.height, BLOCK.width), np.uint8)
-    return tiles_of(view, BLOCK, nothing if is_owned is None else is_owned, strips, STEP, WHOLE)
-
-
-def test_what_a_strip_mixes_of_it_is_needed_and_what_it_takes_from_its_border():
-    strip = Strip(Block(0, 160, 64, 96), (slice(0, 64), slice(0, 96)), (Share(1, slice(16, 64), ()),))
-    found = covered(tiles(strips=(strip,)))  # columns 176 to 224 of the sphere: from 16 before the block on
-    assert found[:64, :32].min() == 1
-    assert found.sum() == 64 * 32
-    # all of it before the block: its first column goes on
-    before = replace(strip, shares=(Share(1, slice(0, 16), ()),))
-    assert covered(tiles(strips=(before,))).sum() == 64 * STEP
-    assert tiles(strips=(strip,), view=0) == ()
+def test_what_a_strip_mixes_of_it_is_needed_and_what_it_shows():
+    nothing = np.zeros((HEIGHT, WHOLE), bool)
+    block = Block(0, -32, 64, 96)  # around the seam of the columns
+    strip = Strip(block, block, (Share(1, slice(16, 64), ()),))
+    found = covered(tiles_of(1, nothing, [strip], STEP))  # columns 240 to 288 of the sphere
+    assert found[:64, :32].min() == found[:64, 240:].min() == 1
+    assert found.sum() == 64 * 48
+    assert not list(tiles_of(0, nothing, [strip], STEP))
+    nothing[100, 100] = True
+    assert covered(tiles_of(0, nothing, [strip], STEP)).sum() == 64 * STEP  # cells of four rows
 
 
 @pytest.fixture(scope="module")
@@ -47,16 +42,19 @@ def layout():
 
 
 @pytest.mark.parametrize("has_range", [True, False])
-def test_the_sphere_is_the_same_as_of_whole_blocks(layout, has_range, rng):
+def test_the_sphere_is_the_same_as_of_whole_views(layout, has_range, rng):
     images = {
         view.rig_view.name: rng.integers(90 + 5 * k, 110 + 5 * k, (160, 160, 3), np.uint8)
         for k, view in enumerate(layout.views)
     }
     inverse = rng.uniform(0.0, 1.0, (512, 1024)).astype(np.float32) if has_range else None
-    blocks = [view.block for view in layout.views]
-    whole = replace(layout, tiles=tuple((Block(0, 0, one.height, one.width),) for one in blocks))
     image = blend(layout, images, inverse)
-    np.testing.assert_array_equal(image, blend(whole, images, inverse))
-    needed = [covered(tiles, block) for tiles, block in zip(layout.tiles, blocks, strict=True)]
+    if has_range:
+        everything = (Block(0, 0, 512, 1024),)
+        views = tuple(replace(view, tiles=everything, tables=view.tables[:1]) for view in layout.views)
+        np.testing.assert_array_equal(image, blend(replace(layout, views=views), images, inverse))
+    needed = [covered(view.tiles, image.shape[:2]) for view in layout.views]
     assert max(one.max() for one in needed) == 1
-    assert sum(one.sum() for one in needed) < 0.95 * sum(block.height * block.width for block in blocks)
+    assert sum(one.mean() for one in needed) < 2.0
+    shown = [one[view.is_owned > 0] for one, view in zip(needed, layout.views, strict=True)]
+    assert all(one.all() for one in shown)

@@ -45,12 +45,13 @@ def test_an_ordinary_image_finds_its_sphere(index):
     assert found >= 4  # of 5 rooms, in the first three: a view holds a sixth of a sphere
 
 
-def test_key_spheres_that_come_one_by_one_are_looked_up_in_few_parts(index):
-    growing, features = AppearanceIndex(), list(index.features.values())
+def test_key_spheres_that_come_one_by_one_are_found_as_those_that_come_at_once(index):
+    growing, at_once, features = AppearanceIndex(), AppearanceIndex(), list(index.features.values())
     for number in range(8):
         growing.add(number, features[number % 5])
         assert growing.find(features[0], 1)[0].sphere_id % 5 == 0
-    assert len(growing._parts) <= 4  # each is looked up by itself
+        at_once.add(number, features[number % 5])
+    assert growing.find(features[3], 8) == at_once.find(features[3], 8)
 
 
 def test_the_chance_of_many_votes_is_the_tail_of_poisson():
