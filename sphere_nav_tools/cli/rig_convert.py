@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sphere_nav.geometry.files.foreign_rig import FRAMES, place_rig, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import FRAMES, read_foreign_rig
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
@@ -39,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, tell what was found, write."""
-    found = read_foreign_cameras(arguments.files, arguments.size, arguments.model, arguments.unit)
-    rig = place_rig(found, arguments.frame, arguments.files[0])
+    rig = read_foreign_rig(arguments.files, arguments.frame, arguments.size, arguments.model, arguments.unit)
     write_rig(arguments.output, rig, is_overwriting=arguments.overwrite)
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)

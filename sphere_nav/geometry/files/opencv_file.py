@@ -17,8 +17,8 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.cameras.rig import NAME
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, refuse_model
+from sphere_nav.geometry.cameras.rig import NAME, RigCamera
+from sphere_nav.geometry.files.foreign_cameras import camera_at, refuse_model
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
     ROTATION_TOLERANCE,
@@ -35,6 +35,7 @@ from sphere_nav.geometry.se3 import SE3
 Values = Mapping[str, Any]
 
 MATRICES = ("cameramatrix", "k", "m", "mtx")  # keys in small letters, without _ and -
+FIRST = {f"{name}{number}" for name in MATRICES for number in ("", "1")}  # of which such a file has one, or R and T
 DISTORTIONS = ("distortioncoefficients", "distcoeffs", "d", "dist")
 SIZES = (("imagewidth", "imageheight"), ("width", "height"))
 PINHOLE_MODELS = ("pinhole", "plumb_bob", "rational_polynomial", "radtan", "none")
@@ -55,40 +56,31 @@ _OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
 _OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
 
 
-def without_directive(text: str) -> str:
-    """Return the text without the directive `%YAML:1.0` of OpenCV, which is none of YAML's."""
-    lines = text.splitlines()
-    return "\n".join(lines[1:] if lines and lines[0].startswith("%YAML") else lines)
-
-
 def load_opencv(path: Path) -> Any:
     """Return the values of a FileStorage in YAML, or of any other YAML or JSON."""
     text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
-    return load_yaml(path, without_directive(text).replace("\t", " "), _OpenCvLoader)
-
-
-def is_opencv(values: Any) -> bool:
-    """Whether these are the values of such a file."""
-    keys = _plain(values) if isinstance(values, dict) else {}
-    return any(f"{name}{number}" in keys for name in MATRICES for number in ("", "1")) or {"r", "t"} <= set(keys)
+    directive, _, rest = text.partition("\n")  # OpenCV's %YAML:1.0 is none of YAML's
+    return load_yaml(path, (rest if directive.startswith("%YAML") else text).replace("\t", " "), _OpenCvLoader)
 
 
 def read_opencv(
-    paths: Sequence[Path], image_size: tuple[int, int] | None, model: str | None, unit_m: float
-) -> ForeignRig:
-    """Return one camera, or two and their poses, of one file or of several that complete each other."""
+    contents: Sequence[Any], image_size: tuple[int, int] | None, model: str | None, unit_m: float
+) -> list[RigCamera]:
+    """Return one camera, or two, by the values of one file or of several that complete each other."""
     values: dict[str, Any] = {}
-    for path in paths:
-        found = load_opencv(path)
-        if not is_opencv(found):
-            raise ValueError(f"{path}: expected camera_matrix, M1 or R and T of OpenCV, found {short(found)}")
-        if twice := sorted(set(values) & set(_plain(found))):
-            raise ValueError(f"{path}: {twice[0]}: expected fields that the first file has not, found it again")
-        values |= _plain(found)
-    with told_at(" ".join(map(str, paths))):
-        return _rig(values, image_size, model, unit_m)
+    for content in contents:
+        found = _plain(content) if isinstance(content, dict) else {}
+        if not (found.keys() & FIRST or found.keys() >= {"r", "t"}):
+            raise ValueError(
+                "expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...) or an OpenCV calibration "
+                f"(camera_matrix, M1, R and T), found {short(content)}"
+            )
+        if twice := sorted(values.keys() & found.keys()):
+            raise ValueError(f"{twice[0]}: expected fields that the first file has not, found it again")
+        values |= found
+    return _cameras(values, image_size, model, unit_m)
 
 
 def _plain(values: Values) -> dict[str, Any]:
@@ -96,18 +88,18 @@ def _plain(values: Values) -> dict[str, Any]:
     return {str(key).lower().replace("_", "").replace("-", ""): value for key, value in values.items()}
 
 
-def _rig(values: Values, image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> ForeignRig:
+def _cameras(values: Values, image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> list[RigCamera]:
     size_found = _size(values, image_size)
     chosen = _model(values, model)
     if any(name in values for name in MATRICES):
         named = str(values.get("cameraname") or "")
         name = named if NAME.fullmatch(named) else "camera"
-        return ForeignRig((name,), (_camera(values, "", size_found, chosen),), (SE3.identity(),))
-    cameras = tuple(_camera(values, suffix, size_found, chosen) for suffix in ("1", "2"))
+        return [RigCamera(name, _camera(values, "", size_found, chosen), SE3.identity())]
+    left, right = (_camera(values, suffix, size_found, chosen) for suffix in ("1", "2"))
     if "r" not in values or "t" not in values:
         raise ValueError("expected R and T of the second camera (extrinsics.yml beside intrinsics.yml), found none")
-    T_second_first = _pose(_matrix(values["r"], "R"), _matrix(values["t"], "T"), unit_m)
-    return ForeignRig(("left", "right"), cameras, (SE3.identity(), T_second_first.inverse()))
+    T_right_left = _pose(_matrix(values["r"], "R"), _matrix(values["t"], "T"), unit_m)
+    return [RigCamera("left", left, SE3.identity()), RigCamera("right", right, T_right_left.inverse())]
 
 
 def _size(values: Values, given: tuple[int, int] | None) -> tuple[int, int]:
