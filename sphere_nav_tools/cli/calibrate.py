@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, progress=bar.set_description_str)
-    write_rig(arguments.output, found.rig, is_overwriting=arguments.overwrite)
+    write_rig(arguments.output, found.rig)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     write_json(f"{stem}_report.json", report)
     draw_calibration(found, Path(f"{stem}_report.png"))

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read, tell what was found, write."""
     rig = read_foreign_rig(arguments.files, arguments.frame, arguments.size, arguments.model, arguments.unit)
-    write_rig(arguments.output, rig, is_overwriting=arguments.overwrite)
+    write_rig(arguments.output, rig)
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
         ahead = part.T_rig_camera.rotation[:, 2]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.files.untrusted import load_yaml, number
 
 PICTURES = (".png", ".pdf", ".svg")  # what figures are drawn as
@@ -65,7 +66,7 @@ def read_count(text: str) -> int:
     return int(text)
 
 
-def read_size(text: str) -> tuple[int, int]:
+def read_size(text: str) -> Size:
     """Return width and height of an argument WxH, pixels."""
     found = re.fullmatch(r"(\d+)[x×](\d+)", text)
     if found is None or "0" in found.groups():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
@@ -38,7 +39,7 @@ class _Lens:
 class _Calibration:
     T_imu_cam: tuple[dict[str, float], ...]
     intrinsics: tuple[_Lens, ...]
-    resolution: tuple[tuple[int, int], ...]
+    resolution: tuple[Size, ...]
 
 
 def is_basalt(values: Any) -> bool:
@@ -66,7 +67,7 @@ def _inner(values: Mapping[str, Any]) -> Any:
     return inner if isinstance(inner, dict) else {}
 
 
-def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
+def _camera(lens: _Lens, size: Size, where: str) -> Camera:
     kind = lens.camera_type
     if kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.rig import RigCamera
 from sphere_nav.geometry.files.untrusted import check_center, short, told_at
@@ -12,7 +13,7 @@ from sphere_nav.geometry.files.untrusted import check_center, short, told_at
 Posed = tuple[list[RigCamera], bool]  # cameras, and whether they are posed on the IMU, else on the first of them
 
 
-def camera_at(where: str, size: tuple[int, int], plane: Sequence[float], model: Any, *more: Any) -> Camera:
+def camera_at(where: str, size: Size, plane: Sequence[float], model: Any, *more: Any) -> Camera:
     """Return a camera of one of our models, with what it has beyond its plane (fx, fy, cx, cy) in pixels.
 
     size: (width, height); where: the place in the file, for messages.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
 from sphere_nav.geometry.files.foreign_cameras import Posed
@@ -21,7 +22,7 @@ FRAMES = ("camera", "imu")
 def read_foreign_rig(
     paths: Sequence[Path],
     frame: str = "camera",
-    image_size: tuple[int, int] | None = None,
+    image_size: Size | None = None,
     model: str | None = None,
     unit_m: float = 1.0,
 ) -> Rig:
@@ -40,7 +41,7 @@ def read_foreign_rig(
         return Rig(tuple(parts), paths[0].stem)
 
 
-def _read(contents: Sequence[Any], image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> Posed:
+def _read(contents: Sequence[Any], image_size: Size | None, model: str | None, unit_m: float) -> Posed:
     for is_it, read in ((is_kalibr, read_kalibr), (is_basalt, read_basalt)):
         if is_it(contents[0]):
             if len(contents) > 1:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
@@ -54,7 +55,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
         raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
     given = numbers(entry["intrinsics"], f"{name}.intrinsics", NUM_INTRINSICS[model])
     k = numbers(entry.get("distortion_coeffs") or [], f"{name}.distortion_coeffs", NUM_DISTORTION[distortion])
-    size: tuple[int, int] = read_as(tuple[int, int], entry["resolution"], f"{name}.resolution")
+    size: Size = read_as(Size, entry["resolution"], f"{name}.resolution")
     lens: tuple[Any, ...] = (Fisheye if distortion == "equidistant" else Pinhole), k
     if model != "pinhole":
         lens = (DoubleSphere, *given[:2]) if model == "ds" else (Omni, given[0], k)

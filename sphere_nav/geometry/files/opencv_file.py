@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
@@ -65,9 +65,7 @@ def load_opencv(path: Path) -> Any:
     return load_yaml(path, (rest if directive.startswith("%YAML") else text).replace("\t", " "), _OpenCvLoader)
 
 
-def read_opencv(
-    contents: Sequence[Any], image_size: tuple[int, int] | None, model: str | None, unit_m: float
-) -> list[RigCamera]:
+def read_opencv(contents: Sequence[Any], image_size: Size | None, model: str | None, unit_m: float) -> list[RigCamera]:
     """Return one camera, or two, by the values of one file or of several that complete each other."""
     values: dict[str, Any] = {}
     for content in contents:
@@ -88,7 +86,7 @@ def _plain(values: Values) -> dict[str, Any]:
     return {str(key).lower().replace("_", "").replace("-", ""): value for key, value in values.items()}
 
 
-def _cameras(values: Values, image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> list[RigCamera]:
+def _cameras(values: Values, image_size: Size | None, model: str | None, unit_m: float) -> list[RigCamera]:
     size_found = _size(values, image_size)
     chosen = _model(values, model)
     if any(name in values for name in MATRICES):
@@ -102,7 +100,7 @@ def _cameras(values: Values, image_size: tuple[int, int] | None, model: str | No
     return [RigCamera("left", left, SE3.identity()), RigCamera("right", right, T_right_left.inverse())]
 
 
-def _size(values: Values, given: tuple[int, int] | None) -> tuple[int, int]:
+def _size(values: Values, given: Size | None) -> Size:
     for pair in SIZES:
         if all(name in values for name in pair):
             return size(values[pair[0]], pair[0]), size(values[pair[1]], pair[1])
@@ -121,7 +119,7 @@ def _model(values: Values, given: str | None) -> str:
     return "pinhole"
 
 
-def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str) -> Camera:
+def _camera(values: Values, suffix: str, image_size: Size, model: str) -> Camera:
     key = next((name + suffix for name in MATRICES if name + suffix in values), None)
     if key is None:
         raise ValueError(f"M{suffix}: expected a camera matrix, found none")

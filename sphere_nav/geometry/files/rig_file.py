@@ -70,12 +70,9 @@ def parse_rig(text: str, where: str, folder: Path = Path()) -> Rig:
         return _rig(mapping(found, "rig", RIG_FIELDS), folder)
 
 
-def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> None:
-    """Write a rig; a file that is there is replaced only if told so."""
-    path = Path(path)
-    if path.exists() and not is_overwriting:
-        raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
-    write_whole(path, rig_text(rig, path.parent))
+def write_rig(path: str | Path, rig: Rig) -> None:
+    """Write a rig, in the place of what is there."""
+    write_whole(Path(path), rig_text(rig, Path(path).parent))
 
 
 def rig_text(rig: Rig, folder: Path = Path()) -> str:

@@ -211,9 +211,8 @@ def absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def free_path(path: str | Path) -> Path:
+def free_path(first: Path) -> Path:
     """Return the path, or the first of `<path>_2`, `<path>_3`, ... at which there is no bag and no partial one."""
-    first = Path(path)
     paths = (first if number == 1 else first.with_name(f"{first.name}_{number}") for number in count(1))
     return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry.arrays import Bytes, Floats, Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
@@ -113,7 +113,7 @@ class Levels:
 def image_to_rgb(
     message: AnyImage,
     levels: Levels | None = None,
-    size: tuple[int, int] | None = None,
+    size: Size | None = None,
     size_name: str = "camera_info",
 ) -> Bytes:
     """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; `levels` of its stream, else of this image alone.

@@ -113,8 +113,7 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
 def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:
     """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
     _, height, width = _sized(frames.path)
-    fx, fy, cx, cy, *distortion = lens
-    return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
+    return Pinhole(width, height, *lens[:4], lens[4:])
 
 
 def _sized(path: Path) -> tuple[Frames, int, int]:
@@ -157,7 +156,7 @@ def _read_panorama(frames: Frames, number: int) -> Bytes:
     return image
 
 
-def check_panorama(where: Path | str, width: int, height: int) -> None:
+def check_panorama(where: object, width: int, height: int) -> None:
     """Raise ValueError for an image that is no whole sphere."""
     if width != 2 * height:
         found = f"found {width} x {height}: export it as equirectangular"
