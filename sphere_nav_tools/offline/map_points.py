@@ -96,7 +96,7 @@ def geojson(graph: SphereGraph, datum: Datum) -> str:
     """Return a FeatureCollection: a point for each key sphere (id, stamp, heading), a line for each edge."""
     places = {node.id: datum.locate(node.T_map_sphere) for node in graph}
     features: list[dict[str, Any]] = []
-    for node in sorted(graph, key=lambda node: node.id):
+    for node in graph:
         ahead = node.T_map_sphere.rotation[:2, 0]
         heading = (datum.heading - np.degrees(np.arctan2(ahead[1], ahead[0]))) % 360.0
         properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(float(heading), 3)}

@@ -7,6 +7,7 @@ the same or in a second file, with x_2 = R x_1 + T.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,6 @@ from sphere_nav.geometry.files.foreign_cameras import camera_at, refuse_model
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
     ROTATION_TOLERANCE,
-    StrictLoader,
     load_yaml,
     number,
     read_text,
@@ -42,18 +42,7 @@ PINHOLE_MODELS = ("pinhole", "plumb_bob", "rational_polynomial", "radtan", "none
 FISHEYE_MODELS = ("fisheye", "equidistant")
 NUM_PINHOLE = (0, 4, 5, 8, 12, 14)
 MAX_SKEW = 1e-6
-
-
-class _OpenCvLoader(StrictLoader):
-    """Reads `!!opencv-matrix` as the mapping of rows, cols and data that it is."""
-
-
-def _as_mapping(loader: _OpenCvLoader, node: Any) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
-_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
+NOT_YAML = re.compile(r"\A%YAML.*|!!opencv-(nd-)?matrix")  # what OpenCV writes beside: its directive, and its tags
 
 
 def load_opencv(path: Path) -> Any:
@@ -61,8 +50,7 @@ def load_opencv(path: Path) -> Any:
     text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
-    directive, _, rest = text.partition("\n")  # OpenCV's %YAML:1.0 is none of YAML's
-    return load_yaml(path, (rest if directive.startswith("%YAML") else text).replace("\t", " "), _OpenCvLoader)
+    return load_yaml(path, NOT_YAML.sub("", text).replace("\t", " "))
 
 
 def read_opencv(contents: Sequence[Any], image_size: Size | None, model: str | None, unit_m: float) -> list[RigCamera]:

@@ -146,13 +146,13 @@ class StrictLoader(Base):  # type: ignore[misc]
         return dict(found)
 
 
-def load_yaml(where: object, text: str, loader: type[StrictLoader] = StrictLoader) -> Any:
+def load_yaml(where: object, text: str) -> Any:
     """Return the values of a YAML text; ValueError in one line, with `where` it stands, for anything else."""
     if len(text) > MAX_TEXT:
         raise ValueError(f"{where}: expected YAML of at most {MAX_TEXT} characters, found {len(text)}")
     try:
         _check_events(text)
-        return yaml.load(text, Loader=loader)
+        return yaml.load(text, Loader=StrictLoader)
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise ValueError(f"{where}: expected YAML, found {printable(str(error))[:300]}") from None
 

@@ -89,7 +89,7 @@ class BagRecorder(ManagedNode):
 
     def unfinished(self) -> str:
         """Return that the bag is not complete, and the command that rescues it."""
-        if not hasattr(self, "bag") or self.bag.is_complete:
+        if not hasattr(self, "bag") or not self.bag.partial.exists():
             return ""
         return f"{self.bag.partial}: not complete; '{self.bag.salvage_command}' keeps what is whole"
 

@@ -62,7 +62,6 @@ class BagWriter:
         self._span: tuple[int, int] | None = None  # from the first stamp to the last
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
-        self.is_complete = False
 
     def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
         """Declare a topic (made absolute), its type and the QoS that its publishers offer.
@@ -123,7 +122,6 @@ class BagWriter:
             self._finish()
         self._refuse_to_overwrite(but_partial=True)
         self.partial.rename(self.path)
-        self.is_complete = True
         return self.path
 
     @property

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
 def map_facts(reader: MapReader) -> dict[str, Any]:
     """Return the facts about a map by name."""
     graph, info = reader.graph, reader.info
-    nodes = sorted(graph, key=lambda node: node.id)
+    nodes = list(graph)
     positions = np.array([node.T_map_sphere.translation for node in nodes])
     sphere = reader.load_sphere(nodes[0].id)
     shared = Counter(map(len, find_places(graph, is_whole=sphere.camera.is_whole).values()))
