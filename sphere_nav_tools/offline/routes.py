@@ -17,7 +17,7 @@ from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.constants import NETWORK_REACH
+from sphere_nav_tools.offline.constants import MAX_TURN, NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns
 
 EDGE, WAY = "#1f77b4", "#d62728"
@@ -45,10 +45,8 @@ def read_network_of(files: Sequence[Path], map_id: str, reverse: Collection[Path
 
 def find_spot(network: Network, x: float, y: float, *yaw: float) -> Spot:
     """Return the spot of a network that is closest to a position, and heads as asked for; ValueError where none is."""
-    turns = np.concatenate([yaw] if yaw else [edge.curve.yaw for edge in network.edges.values()])
-    found: list[Spot] = []
-    for turn in np.unique(np.round(turns / 0.3) * 0.3):
-        found += network.locate(Pose2(x, y, float(turn)), NETWORK_REACH, 0.35)
+    heading, max_turn = (yaw[0], MAX_TURN) if yaw else (0.0, np.inf)
+    found = network.locate(Pose2(x, y, heading), NETWORK_REACH, max_turn)
     if not found:
         raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
     return min(found, key=lambda spot: abs(spot.left))

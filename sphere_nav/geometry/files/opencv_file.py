@@ -25,9 +25,9 @@ from sphere_nav.geometry.files.untrusted import (
     ROTATION_TOLERANCE,
     load_yaml,
     number,
+    read_as,
     read_text,
     short,
-    size,
     told_at,
 )
 from sphere_nav.geometry.se3 import SE3
@@ -91,7 +91,7 @@ def _cameras(values: Values, image_size: Size | None, model: str | None, unit_m:
 def _size(values: Values, given: Size | None) -> Size:
     for pair in SIZES:
         if all(name in values for name in pair):
-            return size(values[pair[0]], pair[0]), size(values[pair[1]], pair[1])
+            return read_as(int, values[pair[0]], pair[0]), read_as(int, values[pair[1]], pair[1])
     if given is None:
         raise ValueError("image_width, image_height: expected in the file, or --size, found neither")
     return given
@@ -130,7 +130,7 @@ def _matrix(found: Any, where: str) -> Array:
     """Return a matrix of rows, cols and data, or a nested list."""
     is_told = isinstance(found, dict) and {"rows", "cols", "data"} <= set(found)
     table = np.array(found["data"] if is_told else found, dtype=object)
-    shape = tuple(size(found[side], f"{where}.{side}") for side in ("rows", "cols")) if is_told else table.shape
+    shape = tuple(read_as(int, found[side], f"{where}.{side}") for side in ("rows", "cols")) if is_told else table.shape
     if len(shape) > 2 or table.size != math.prod(shape) or not table.size:
         raise ValueError(f"{where}: expected a matrix, found {table.size} numbers: {short(found)}")
     return np.array([number(value, where) for value in table.ravel()]).reshape(shape)

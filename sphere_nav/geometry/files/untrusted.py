@@ -26,7 +26,6 @@ import numpy as np
 import yaml
 
 from sphere_nav.geometry.arrays import Size
-from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.se3 import SE3
 
 AnyPath: TypeAlias = str | os.PathLike[str]
@@ -285,13 +284,6 @@ def choice(found: Any, where: str, names: Iterable[str]) -> str:
     known = tuple(names)
     if not isinstance(found, str) or found not in known:
         raise ValueError(f"{where}: expected {', '.join(known)}, found {short(found)}")
-    return found
-
-
-def size(found: Any, where: str) -> int:
-    """Return a number of pixels."""
-    if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= MAX_SIDE:
-        raise ValueError(f"{where}: expected a positive number of pixels, at most {MAX_SIDE}, found {short(found)}")
     return found
 
 

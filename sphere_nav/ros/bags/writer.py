@@ -120,7 +120,6 @@ class BagWriter:
         self._is_open = False
         with self._naming_the_file():
             self._finish()
-        self._refuse_to_overwrite(but_partial=True)
         self.partial.rename(self.path)
         return self.path
 
@@ -172,10 +171,10 @@ class BagWriter:
             shutil.rmtree(self.partial, ignore_errors=True)
             raise
 
-    def _refuse_to_overwrite(self, *, but_partial: bool = False) -> None:
+    def _refuse_to_overwrite(self) -> None:
         if os.path.lexists(self.path):
             raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
-        if os.path.lexists(self.partial) and not but_partial:
+        if os.path.lexists(self.partial):
             what = "a run that is still writing, or the remains of one"
             raise BagError(f"{self.partial}: {what}: '{self.salvage_command}' rescues them, or delete it")
 
