@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
     ESTIMATE_TOPICS,
@@ -18,7 +17,7 @@ from sphere_nav_tools.offline.evaluation import (
 )
 from sphere_nav_tools.offline.localizing import describe_states
 from sphere_nav_tools.offline.pose_bags import find_topic, read_poses
-from sphere_nav_tools.offline.settings import PICTURES, add_output
+from sphere_nav_tools.offline.settings import PICTURES, add, add_output, choose
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.

@@ -10,8 +10,7 @@ import numpy as np
 
 from sphere_nav.geometry.files.foreign_rig import FRAMES, read_foreign_rig
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.cli.arguments import add, choose
-from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
+from sphere_nav_tools.offline.settings import add, add_output, choose, read_positive, read_size
 
 HELP = """\
 A calibration of Kalibr, basalt or OpenCV to rig.yaml.

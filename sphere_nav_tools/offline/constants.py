@@ -52,4 +52,4 @@ MIN_OFF_M = 0.1  # the same, however sure
 MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives
 
 # Places on a network of routes (cli/test_route)
-NETWORK_REACH, MAX_TURN = 2.0, 0.5  # m, rad from the network within which a place can be named
+NETWORK_REACH = 2.0  # m from the network within which a place can be named

@@ -188,6 +188,8 @@ def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Tr
     """Return poses of a TUM file or of the first usual topic of a bag; ValueError where there are none."""
     if is_bag(path):
         return read_poses(path, (topic,) if topic else usual)
+    if not path.exists():
+        raise ValueError(f"{path}: expected a TUM file or a bag, found none")
     if topic:
         raise ValueError(f"{path}: expected a bag, as a topic ({topic}) is named, found a file of another kind")
     return read_tum(path)

@@ -33,8 +33,7 @@ Cloud = NDArray[Any]  # (N,) of POINT
 def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
     rays = pixel_rays(sphere.camera)
-    with np.errstate(invalid="ignore"):
-        kept = np.isfinite(sphere.range_m) & (sphere.range_m <= params.max_range_m)
+    kept = sphere.range_m <= params.max_range_m  # not where it is not measured
     range_m = np.where(kept, sphere.range_m, np.nan).astype(np.float32)
     points = rays * range_m[..., None]
     normals = np.nan_to_num(find_normals(points, range_m, is_whole=sphere.camera.is_whole))

@@ -10,6 +10,7 @@ import numpy as np
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.constants import MAX_TURN
 from path_follower.routes.course import make_course
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.mission_file import write_course
@@ -17,7 +18,7 @@ from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.constants import MAX_TURN, NETWORK_REACH
+from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns
 
 EDGE, WAY = "#1f77b4", "#d62728"

@@ -17,7 +17,7 @@ from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import AnyPath, printable, read_bytes
+from sphere_nav.geometry.files.untrusted import AnyPath, printable, read_bytes, told_at
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -30,13 +30,10 @@ OTHER_BYTES, OTHER_S = 1 << 30, 20.0  # of memory and of time for a file of anot
 def read_image_file(path: AnyPath, mode: int, what: str = "file of an image") -> NDArray[Any]:
     """Return the pixels of a file as cv2 does in this mode; ValueError in one line for anything else than an image."""
     data = read_bytes(path, what, LIMITS["image file"])
-    try:
-        if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
+    if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
+        with told_at(path):
             return decode_file(data, MAX_PIXELS, mode)
-        return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
 
 
 def _read_other(path: Path, mode: str) -> NDArray[Any]:

@@ -7,7 +7,7 @@ import argparse
 from sphere_nav.params import leaves
 from sphere_nav.ros.bags.player_node import BagPlayer, PlayerParams
 from sphere_nav.ros.run import run as run_node
-from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.offline.settings import add, flag
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import FileAction, add_overwrite, add_settings, read_count
+from sphere_nav_tools.offline.settings import FileAction, add, add_overwrite, add_settings, choose, flag, read_count
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
-from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.offline.settings import add, flag
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 HELP = """\

@@ -16,10 +16,10 @@ from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, encoded, shown
 from sphere_nav_tools.offline.settings import (
     FileAction,
+    add,
     add_overwrite,
     floats,
     read_size,

@@ -113,7 +113,8 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
 def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:
     """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
     _, height, width = _sized(frames.path)
-    return Pinhole(width, height, *lens[:4], lens[4:])
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
 
 
 def _sized(path: Path) -> tuple[Frames, int, int]:
