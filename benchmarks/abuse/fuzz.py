@@ -29,7 +29,7 @@ from path_follower.routes.mission import Mission
 from path_follower.routes.mission_file import read_mission
 from path_follower.routes.network_file import read_network
 from path_follower.routes.params import MissionParams
-from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import read_foreign_rig
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.bags.mcap_file import whole_messages
@@ -105,7 +105,7 @@ def _readers(samples: Samples) -> Readers:
     params = FollowerParams()
 
     def read_placed(path: Path) -> Any:
-        return place_rig(read_foreign_cameras([path]), "camera", path).cameras
+        return read_foreign_rig([path]).cameras
 
     network = read_network(samples.routes)
 

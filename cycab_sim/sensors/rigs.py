@@ -68,7 +68,7 @@ def planned_pose(params: CameraRigParams, name: str) -> SE3:
 def rig_file_text(rig: Rig, path: str = "") -> str:
     """Return the rig file's text, after writing it to `path` where one is given."""
     if path:
-        write_rig(path, rig, is_overwriting=True)
+        write_rig(path, rig)
     return rig_text(rig)
 
 

@@ -14,6 +14,7 @@ Floats: TypeAlias = NDArray[np.float32]  # many numbers: pixels, points
 Bytes: TypeAlias = NDArray[np.uint8]
 Flags: TypeAlias = NDArray[np.bool_]
 Integers: TypeAlias = NDArray[np.int64]
+Size: TypeAlias = tuple[int, int]  # width and height of an image, px
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of the covariance of a tangent vector (v, omega)
 TINY = 1e-12  # keeps divisors from 0; nothing that is measured is as small

@@ -14,10 +14,12 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
+from sphere_nav.ros.service import Handler
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+Entry = tuple[int, str, dict[str, Any]]  # of the diagnostics: level, line and values
 Answer = Callable[[Any, str], None]  # gets the response and an empty text, or None and why there is none
 
 
@@ -108,7 +110,7 @@ class Endpoints(ABC):
         self.finish = lambda status: None
         self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
         self.inputs: list[Subscription] = []
-        self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
+        self.reports: dict[str, Entry] = {}
         self._changes: dict[str, str] = {}  # what `tell` has logged last of each entry
 
     def clear(self) -> None:
@@ -166,7 +168,7 @@ class Endpoints(ABC):
         """Publish on a topic."""
 
     @abstractmethod
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Handler) -> None:
         """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
 
     @abstractmethod

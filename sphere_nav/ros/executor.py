@@ -22,7 +22,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.task import Future
 
 from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_RECENT, MAX_WAITS, PAUSE_S, RECENT_S
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, ThrottledLog
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Entry, ThrottledLog
 from sphere_nav.ros.service import one_line
 
 
@@ -56,7 +56,7 @@ class CallbackFailures:
         except Exception as error:
             self.add(error, where)
 
-    def examine(self) -> tuple[int, str, dict[str, Any]]:
+    def examine(self) -> Entry:
         """Return level, line and count for the diagnostics; ERROR while callbacks fail again and again."""
         num_recent = sum(self._clock() - time_s < RECENT_S for time_s in self._times_s)
         level = ERROR if num_recent == MAX_RECENT else WARN if num_recent else OK

@@ -14,9 +14,9 @@ from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
 from sphere_nav.ros.constants import EXPLAIN_PERIOD
-from sphere_nav.ros.endpoints import OK, WARN
+from sphere_nav.ros.endpoints import OK, WARN, Entry
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.rclpy_shell import Entry, RclpyShell
+from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.site_file import check_rules
 
@@ -142,7 +142,7 @@ class LiveShell(RclpyShell, LifecycleNode):
     def _lack(self) -> str:
         return self.node.lack()
 
-    def _life(self) -> Iterable[Entry]:
+    def _life(self) -> Iterable[tuple[str, Entry]]:
         label = self._state_machine.current_state[1]
         level, text = OK if self.is_active else WARN, label
         if self.is_time_simulated and self.now_ns() == 0:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-
-from sphere_nav.geometry.files.untrusted import load_yaml
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, TRANSIENT_LOCAL = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
@@ -33,6 +32,7 @@ COMMAND = QoSProfile(depth=1, reliability=RELIABLE, durability=VOLATILE)
 TF = QoSProfile(depth=100, reliability=RELIABLE, durability=VOLATILE)
 TF_STATIC = QoSProfile(depth=100, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
 
+LATCHED_TEXT = re.compile(r"\bdurability: *(transient_local|1)\b")  # a name (version 9), or a number (older)
 INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -87,20 +87,5 @@ def profiles_to_yaml(profiles: list[QoSProfile]) -> str:
 
 
 def from_yaml(text: str) -> list[QoSProfile]:
-    """Read `offered_qos_profiles`, with names (version 9) or numbers (older); unknown values become the defaults."""
-    try:
-        entries = load_yaml("offered_qos_profiles", text) if text.strip() else []
-    except ValueError:
-        return []  # what a publisher once offered decides nothing that matters more than the messages
-    return [_from_entry(entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
-
-
-def _from_entry(entry: dict[str, Any]) -> QoSProfile:
-    durability = str(entry.get("durability", "volatile"))
-    reliability = str(entry.get("reliability", "reliable"))
-    depth = entry.get("depth", 10)
-    return QoSProfile(
-        depth=depth if isinstance(depth, int) and 0 < depth < 100000 else 10,
-        reliability=BEST_EFFORT if reliability in ("best_effort", "2") else RELIABLE,
-        durability=TRANSIENT_LOCAL if durability in ("transient_local", "1") else VOLATILE,
-    )
+    """Return how a topic was offered, as far as it matters: whether its last message holds for who comes later."""
+    return [LATCHED] if LATCHED_TEXT.search(text) else []

@@ -23,14 +23,12 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, GoalCalls, ThrottledLog
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, Entry, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.service import answer_always, one_line
+from sphere_nav.ros.service import Handler, answer_always, one_line
 from sphere_nav.ros.shared_files import software
 from sphere_nav.ros.subscription import Subscription, full_name
-
-Entry = tuple[str, tuple[int, str, dict[str, Any]]]  # of the diagnostics: name; level, line and values
 
 
 class LivePublisher:
@@ -163,7 +161,7 @@ class RclpyShell(Endpoints, Node):
         self._entities.callback(self.destroy_publisher, publisher)
         return LivePublisher(self, publisher)
 
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Handler) -> None:
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, answer_always(handler, name, self.log))
         self._entities.callback(self.destroy_service, service)
@@ -247,7 +245,7 @@ class RclpyShell(Endpoints, Node):
     def _lack(self) -> str:
         return ""
 
-    def _life(self) -> Iterable[Entry]:
+    def _life(self) -> Iterable[tuple[str, Entry]]:
         return ()
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
@@ -256,7 +254,7 @@ class RclpyShell(Endpoints, Node):
         return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 
-def examine_input(shell: Any, wanted: Subscription) -> tuple[int, str, dict[str, Any]]:
+def examine_input(shell: Any, wanted: Subscription) -> Entry:
     """Return level, line and counts of one input; what is missing is logged, too. `shell`: a LiveShell."""
     topic, level, text = wanted.handle.topic_name, OK, "receiving"
     is_present = wanted.num_received > 0 and not wanted.is_missing

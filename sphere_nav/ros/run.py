@@ -42,12 +42,10 @@ def run(
     args: Sequence[str] | None = None,
     *,
     values: Mapping[str, Any] | None = None,
-    prepare: Callable[[ManagedNode], None] = lambda node: None,
 ) -> int:
     """Run one node until it is told to stop; return 0, or 2 if it could not start (one line says why).
 
-    `values` are parameters by dotted name that go before those of the command line; `prepare` sees the node before it
-    is configured.
+    `values` are parameters by dotted name that go before those of the command line.
     """
     words = sys.argv[1:] if args is None else args
     if "--help" in words or "-h" in words:
@@ -61,7 +59,7 @@ def run(
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
 
         def serve() -> int:
-            status = _serve(node_class, words, stopped, values or {}, nodes, prepare)
+            status = _serve(node_class, words, stopped, values or {}, nodes)
             return status or int(any(node.unfinished() for node in nodes))
 
         return in_context(node_class.NAME, args, serve)
@@ -124,7 +122,6 @@ def _serve(
     stopped: Future,
     values: Mapping[str, Any],
     nodes: list[ManagedNode],
-    prepare: Callable[[ManagedNode], None],
 ) -> int:
     try:
         overrides = [Parameter(name, value=values[name]) for name in values]
@@ -133,7 +130,6 @@ def _serve(
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
         return 2
     nodes.append(shell.node)
-    prepare(shell.node)
     shell.finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)

@@ -51,7 +51,7 @@ class TransformTree:
         ValueError for a NaN, an empty name, a frame below itself, or a second parent where the first one holds.
         """
         parent, child = message.header.frame_id, message.child_frame_id
-        if not parent or not child or parent == child:
+        if not parent or not child:
             raise ValueError(f"transform: expected two frames, found {parent!r} and {child!r}")
         T_parent_child = transform_to_se3(message.transform, f"transform {parent} -> {child}")
         stamp = stamp_ns(message)
@@ -119,7 +119,7 @@ class TransformTree:
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]
-        while chain[-1] in self._edges and len(chain) < MAX_DEPTH:
+        while chain[-1] in self._edges:
             chain.append(self._edges[chain[-1]].parent)
         return chain
 
@@ -194,7 +194,7 @@ class TransformListener(TransformTree):
 
     def __init__(self, endpoints: Endpoints, *, ignored: str = "") -> None:
         super().__init__()
-        self._ignored, self._endpoints, self._num_changes = ignored, endpoints, 0
+        self._ignored, self._endpoints = ignored, endpoints
         moving, static = partial(self._on_message, is_static=False), partial(self._on_message, is_static=True)
         endpoints.add_subscription("/tf", TFMessage, moving, qos.TF, is_required=False)
         endpoints.add_subscription("/tf_static", TFMessage, static, qos.TF_STATIC, is_required=False, silence=0.0)
@@ -213,6 +213,5 @@ class TransformListener(TransformTree):
 
     def _report(self, change: str, child: str) -> None:
         if change:
-            self._num_changes += 1
             self._endpoints.log.warning(change, every=LOG_PERIOD_S, key=f"parent of {child}")
-            self._endpoints.report("tf parents", WARN, change, changes=self._num_changes)
+            self._endpoints.report("tf parents", WARN, change)

@@ -12,9 +12,8 @@ from rig_calibration.boards.report import calibration_as_mapping, draw_calibrati
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.cli.arguments import add, choose
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
-from sphere_nav_tools.offline.settings import add_output
+from sphere_nav_tools.offline.settings import add, add_output, choose
 from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\
@@ -54,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, progress=bar.set_description_str)
-    write_rig(arguments.output, found.rig, is_overwriting=arguments.overwrite)
+    write_rig(arguments.output, found.rig)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     write_json(f"{stem}_report.json", report)
     draw_calibration(found, Path(f"{stem}_report.png"))

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
-from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline.evaluation import (
     AUTO,
     ESTIMATE_TOPICS,
@@ -16,7 +15,7 @@ from sphere_nav_tools.offline.evaluation import (
     report_lines,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag
-from sphere_nav_tools.offline.settings import PICTURES, FileAction, add_overwrite, read_positive
+from sphere_nav_tools.offline.settings import PICTURES, FileAction, add, add_overwrite, choose, flag, read_positive
 from sphere_nav_tools.offline.tables import write_json
 
 HELP = """\

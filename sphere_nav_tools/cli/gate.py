@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 from urllib.parse import quote, unquote_to_bytes
 
 from sphere_nav.geometry import SE3
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import (
     GUESS_S,
     MAX_GUESSES,
@@ -36,6 +35,7 @@ from sphere_nav_tools.cli.constants import (
     MAX_VISITORS,
     MIN_TOKEN,
 )
+from sphere_nav_tools.offline.settings import add
 
 PORTS = {"view": 8080, "operate": 8081}
 INSTALL = "pip install 'viser>=1.1,<2'"

@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.shared_files import share_file
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.up import parse
+from sphere_nav_tools.offline.settings import add
 
 HELP = """\
 Make the keys of nodes that belong together (SROS2): a keystore, an enclave for each node that `sphere_nav up NAME`

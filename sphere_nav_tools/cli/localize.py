@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.ros.bags.recorded import Recorded
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import localizing
+from sphere_nav_tools.offline.settings import add
 
 HELP = """\
 Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and

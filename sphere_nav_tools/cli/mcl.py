@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.ros.bags.recorded import Recorded
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing, topics
+from sphere_nav_tools.offline.settings import add
 
 HELP = """\
 Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because

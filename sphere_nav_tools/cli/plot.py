@@ -7,11 +7,17 @@ from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav_tools.cli.arguments import add, choose
-from sphere_nav_tools.offline.evaluation import AUTO, ESTIMATE_TOPICS, describe_alignment
+from sphere_nav_tools.offline.evaluation import (
+    AUTO,
+    ESTIMATE_TOPICS,
+    TRUTH_TOPICS,
+    describe_alignment,
+    evaluate_poses,
+    read_trajectory,
+)
 from sphere_nav_tools.offline.localizing import describe_states
 from sphere_nav_tools.offline.pose_bags import find_topic, read_poses
-from sphere_nav_tools.offline.settings import PICTURES, add_output
+from sphere_nav_tools.offline.settings import PICTURES, add, add_output, choose
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
@@ -54,15 +60,14 @@ def run(arguments: argparse.Namespace) -> None:
     with BagReader(arguments.bag) as bag:
         pose = arguments.pose or find_topic(bag, ESTIMATE_TOPICS)
         statuses = plot_figure.read_statuses(bag, arguments.status)
+        has_truth = arguments.truth is not None or find_topic(bag, TRUTH_TOPICS)
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
-    judged = plot_figure.measure(
-        poses,
-        arguments.truth or arguments.bag,
-        is_required=arguments.truth is not None,
-        alignment=arguments.align,
-    )
+    judged = None
+    if poses is not None and has_truth:
+        truth = read_trajectory(arguments.truth or arguments.bag, None, TRUTH_TOPICS)
+        judged = evaluate_poses(poses, truth, alignment=arguments.align, is_interpolated=True)
     plot_figure.draw_localization(arguments.output, poses, judged, statuses)
     told = describe_states(statuses)
     told += [] if judged is None else filter(None, [describe_alignment(judged.report)])

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from rig_calibration.drive.proof import LensProof
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.refine_camera import (
     RecordedDrive,
@@ -15,7 +14,7 @@ from sphere_nav_tools.offline.refine_camera import (
     mounting_lines,
     text_of,
 )
-from sphere_nav_tools.offline.settings import add_output, add_settings
+from sphere_nav_tools.offline.settings import add, add_output, add_settings
 from sphere_nav_tools.offline.tables import quantity_lines
 
 HELP = """\

@@ -8,11 +8,10 @@ import sys
 
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.sphere_source import read_sphere
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
-from sphere_nav_tools.offline.settings import floats, read_pose, read_positive
+from sphere_nav_tools.offline.settings import add, floats, read_pose, read_positive
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sphere_nav.geometry.files.foreign_rig import FRAMES, place_rig, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import FRAMES, read_foreign_rig
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.cli.arguments import add, choose
-from sphere_nav_tools.offline.settings import add_output, read_positive, read_size
+from sphere_nav_tools.offline.settings import add, add_output, choose, read_positive, read_size
 
 HELP = """\
 A calibration of Kalibr, basalt or OpenCV to rig.yaml.
@@ -39,9 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, tell what was found, write."""
-    found = read_foreign_cameras(arguments.files, arguments.size, arguments.model, arguments.unit)
-    rig = place_rig(found, arguments.frame, arguments.files[0])
-    write_rig(arguments.output, rig, is_overwriting=arguments.overwrite)
+    rig = read_foreign_rig(arguments.files, arguments.frame, arguments.size, arguments.model, arguments.unit)
+    write_rig(arguments.output, rig)
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
         ahead = part.T_rig_camera.rotation[:, 2]

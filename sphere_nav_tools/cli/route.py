@@ -11,9 +11,17 @@ import numpy as np
 from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
-from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.offline import routes
-from sphere_nav_tools.offline.settings import PICTURES, FileAction, add_output, add_overwrite, check_free, floats
+from sphere_nav_tools.offline.settings import (
+    PICTURES,
+    FileAction,
+    add,
+    add_output,
+    add_overwrite,
+    check_free,
+    flag,
+    floats,
+)
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is

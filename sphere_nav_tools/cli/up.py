@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, after_exit
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.constants import LOOK
 from sphere_nav_tools.cli.processes import Processes, start_command
+from sphere_nav_tools.offline.settings import add
 from sphere_nav_tools.offline.tables import columns
 
 LISTING = "\n".join(columns((f"  {name}", composition.purpose) for name, composition in COMPOSITIONS.items()))

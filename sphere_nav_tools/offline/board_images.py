@@ -19,7 +19,7 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.chessboard import grid_sizes
 from rig_calibration.boards.detect import detect_all, edge_width
 from rig_calibration.boards.views import BoardView, Indices
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav_tools.offline.importing.frames import VIDEOS, Video, is_image
 from sphere_nav_tools.offline.tables import progress
@@ -70,10 +70,10 @@ def _instant(file: Path, is_by_name: bool) -> str:
     return str(int(numbers[-1]))
 
 
-def detect_boards(cameras: Cameras, boards: tuple[Board, ...]) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
+def detect_boards(cameras: Cameras, boards: tuple[Board, ...]) -> tuple[dict[str, Size], list[BoardView]]:
     """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
     work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
-    sizes: dict[str, tuple[int, int]] = {}
+    sizes: dict[str, Size] = {}
     views = []
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = pool.map(lambda item: _find_boards(item[2], boards), work)
@@ -98,7 +98,7 @@ def check_board_sizes(cameras: Cameras, boards: tuple[Board, ...], views: list[B
     """
     if any(board.kind != "chessboard" for board in boards):
         return []
-    found: Counter[tuple[int, int]] = Counter()
+    found: Counter[Size] = Counter()
     given = {tuple(sorted((board.columns, board.rows))) for board in boards}
     seen = {(view.camera, view.instant) for view in views}
     for name, files in cameras.items():
@@ -113,9 +113,7 @@ def check_board_sizes(cameras: Cameras, boards: tuple[Board, ...], views: list[B
     return [f"wrong board size: expected {told} inner corners, found grids of {columns}x{rows} in {most} of {count}"]
 
 
-def _find_boards(
-    source: Source, boards: tuple[Board, ...]
-) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array, float]]]:
+def _find_boards(source: Source, boards: tuple[Board, ...]) -> tuple[Size, dict[str, tuple[Indices, Array, float]]]:
     """Return the size (width, height) of an image and the corners of the boards in it, with their blur."""
     gray = _read_gray(source)
     by_name = {board.name: board for board in boards}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count, starmap
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,7 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.writer import PARTIAL
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, open_map
-from sphere_nav.ros.maps.writer import as_stored, replace_map, write_stored
-from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.ros.maps.writer import Stored, as_stored, replace_map, write_stored
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.region import region_radius
@@ -167,24 +166,20 @@ def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target:
     camera = taught[0].camera
     what, ids = f"learned {camera.width} x {camera.height}", count(max(base.graph.nodes) + 1)
     experience = Experience("", what, drive.name, min(one.stamp_ns for one in taught))
-    spheres, nodes, edges, index = dict[int, Sphere](), list[KeySphere](), list[Edge](), base.appearance()
+    nodes, edges, stored = list[KeySphere](), list[Edge](), list[Stored]()
     for one in taught:
         sphere, T_map_sphere, covariance = make_sphere(base, one)
         if np.mean(sphere.measured) >= MIN_MEASURED:
             new_id, radius = next(ids), region_radius(sphere)
             nodes.append(KeySphere(new_id, one.stamp_ns, T_map_sphere, region_radius_m=radius, experience=experience))
             edges.append(_edge(base.graph, one, nodes[-1], covariance))
-            spheres[new_id] = sphere
+            stored.append(as_stored(new_id, sphere))
     graph = SphereGraph([*base.graph, *nodes], [*base.graph.edges, *edges])
-    for node in graph:
-        if node.id not in index.features:
-            load = spheres.__getitem__ if node.id in spheres else base.load_sphere
-            index.add(node.id, features_of_sphere(load(node.id)))
     info, source = base.info, f"{base.info.source} + {drive.name}"  # frame, poses and id are those of before
     details = MapDetails(
         str(info.map_id), source=source, parameters=base.parameters, rig=info.rig, frame_id=info.header.frame_id
     )
-    write_stored(target, graph, details, index, chain(base.stored(), starmap(as_stored, spheres.items())))
+    write_stored(target, graph, details, base.appearance(), chain(base.stored(), stored))
     return len(nodes)
 
 

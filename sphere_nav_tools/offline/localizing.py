@@ -23,7 +23,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
 from sphere_nav_tools.offline.recorded_camera import patience
-from sphere_nav_tools.offline.settings import FileAction, add_output, add_settings, read_pose
+from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -31,16 +31,11 @@ from sphere_nav_tools.offline.topic_finder import TopicFinder
 def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     """Declare the arguments that do not depend on what is localised in; `node` is whose parameters `--set` sets."""
     add_output(parser, "TUM", "file of poses to write")
-    parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
-    parser.add_argument("--json", type=Path, action=FileAction, metavar="FILE", help="also write the summary as JSON")
+    add(parser, "--bag", "OUT", "also write what the node publishes into a bag")
+    add(parser, "--json", "FILE", "also write the summary as JSON", Path, action=FileAction)
     topics.add_options(parser)
     add_settings(parser, node)
-    parser.add_argument(
-        "--initial-pose",
-        type=read_pose,
-        metavar="x,y,z,qx,qy,qz,qw",
-        help="pose of base_link in the map to start near",
-    )
+    add(parser, "--initial-pose", "x,y,z,qx,qy,qz,qw", "pose of base_link in the map to start near", read_pose)
 
 
 def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) -> int:

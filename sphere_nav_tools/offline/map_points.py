@@ -33,8 +33,7 @@ Cloud = NDArray[Any]  # (N,) of POINT
 def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
     rays = pixel_rays(sphere.camera)
-    with np.errstate(invalid="ignore"):
-        kept = np.isfinite(sphere.range_m) & (sphere.range_m <= params.max_range_m)
+    kept = sphere.range_m <= params.max_range_m  # not where it is not measured
     range_m = np.where(kept, sphere.range_m, np.nan).astype(np.float32)
     points = rays * range_m[..., None]
     normals = np.nan_to_num(find_normals(points, range_m, is_whole=sphere.camera.is_whole))
@@ -96,7 +95,7 @@ def geojson(graph: SphereGraph, datum: Datum) -> str:
     """Return a FeatureCollection: a point for each key sphere (id, stamp, heading), a line for each edge."""
     places = {node.id: datum.locate(node.T_map_sphere) for node in graph}
     features: list[dict[str, Any]] = []
-    for node in sorted(graph, key=lambda node: node.id):
+    for node in graph:
         ahead = node.T_map_sphere.rotation[:2, 0]
         heading = (datum.heading - np.degrees(np.arctan2(ahead[1], ahead[0]))) % 360.0
         properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(float(heading), 3)}

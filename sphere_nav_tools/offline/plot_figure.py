@@ -20,15 +20,10 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav_tools.offline.evaluation import (
-    AUTO,
-    TRUTH_TOPICS,
     Judged,
     alignment_of,
     describe_alignment,
-    evaluate_poses,
-    read_trajectory,
 )
-from sphere_nav_tools.offline.pose_bags import find_topic, is_bag
 
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
@@ -57,18 +52,6 @@ def read_statuses(bag: BagReader, topic: str | None = None) -> list[Status]:
         return []
     info = bag.require(topics[0], LocalizationStatus)
     return [conversions.message_to_status(message) for _, _, message in bag.messages([info.name])]
-
-
-def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = AUTO) -> Judged | None:
-    """Return truth and errors; None where a bag has no truth that is asked for by nobody."""
-    if poses is None:
-        return None
-    if is_bag(truth):
-        with BagReader(truth) as bag:
-            if not is_required and not find_topic(bag, TRUTH_TOPICS):
-                return None
-    true = read_trajectory(truth, None, TRUTH_TOPICS)
-    return evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
 
 
 def draw_localization(

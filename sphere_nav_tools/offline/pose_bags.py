@@ -48,7 +48,7 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix in BAG_SUFFIXES
 
 
-def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
+def read_poses(path: Path, topics: Sequence[str]) -> Trajectory:
     """Read what `find_topic` finds by `topics`, by the stamps of its headers; a repeated stamp counts once."""
     with BagReader(path) as bag:
         info = bag.require(find_topic(bag, topics) or topics[0])

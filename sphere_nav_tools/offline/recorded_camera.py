@@ -10,16 +10,12 @@ import logging
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.localizer import Localizer
-from sphere_nav.geometry import Camera
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.localization.params import InputParams
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.conversions import camera_from_info
-from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import SILENT_PERIODS
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -64,8 +60,3 @@ class RecordedCamera:
         with BagReader(self._path) as bag:
             for _, _, message in bag.messages([self._topics["image_raw"]]):
                 yield conversions.stamp_ns(message), conversions.image_to_rgb(message, levels)
-
-    def localized(self, localizer: Localizer, camera: Camera) -> Iterator[tuple[int, Bytes, CameraEstimate]]:
-        """Yield stamp in ns, image, and where the localiser finds a camera that took it."""
-        for stamp, image in self.images():
-            yield stamp, image, localizer.update(to_gray_bytes(image), camera, stamp)

@@ -80,9 +80,8 @@ class RecordedDrive:
 
     def _localize(self, localizer: Localizer, camera: Camera) -> Trajectory:
         stamps, poses = [], []
-        found = self.recorded.localized(localizer, camera)
-        for stamp, _, estimate in progress("localise", "image", found):
-            candidate = estimate.candidate  # a wrong lens is not trusted
+        for stamp, image in progress("localise", "image", self.recorded.images()):
+            candidate = localizer.update(to_gray_bytes(image), camera, stamp).candidate  # a wrong lens is not trusted
             if candidate is not None and candidate.is_accepted:
                 stamps.append(stamp)
                 poses.append(candidate.T_map_camera)

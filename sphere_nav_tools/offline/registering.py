@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
-from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.sphere import Sphere
 
+RESIDUAL = ("mad", "ncc", "overlap", "inlier_share", "num_pixels")  # how well the images agree
 REMEDY = "smaller steps between the images (slower, more a second), more range in them"
 
 
@@ -31,7 +32,6 @@ class Registration:
     is_converged: bool
     reason: str
     alignment: Alignment
-    at_guess: Alignment
 
     def values(self) -> dict[str, Any]:
         """Return all as plain values, for JSON."""
@@ -45,8 +45,7 @@ class Registration:
                 "angle_deg": float(np.degrees(SE3.identity().distance(self.T_a_b)[1])),
             },
             "covariance": finite(self.covariance),
-            "residual": residual(self.alignment),
-            "residual_at_guess": residual(self.at_guess),
+            "residual": {name: getattr(self.alignment, name) for name in RESIDUAL},
             "iterations": self.alignment.iterations,
             "gain": self.alignment.gains[0],
             "bias": self.alignment.biases[0],
@@ -54,13 +53,12 @@ class Registration:
 
 
 def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> Registration:
-    """Return the alignment of b with a, and the residual at the guess.
+    """Return the alignment of b with a.
 
     The motion may be any: features with range give the first guess, the one given and none at all come after it. What
     the way back or features contradict is not converged.
     """
     reference, current = (PreparedSphere(sphere) for sphere in (a, b))
-    view = reference.at(SE3.identity())
 
     def guesses() -> Any:
         yield T_a_b_guess
@@ -73,9 +71,8 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
     if proven is not None:
         found = replace(proven.forward, T_world_camera=proven.T_a_b, covariance=proven.covariance)
     else:
-        found = align_sphere(current, [view], guesses(), check)
-    before = residual_at(current, view, T_a_b_guess)
-    return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found, before)
+        found = align_sphere(current, [reference.at(SE3.identity())], guesses(), check)
+    return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found)
 
 
 def describe_refusal(reason: str) -> str:
@@ -83,17 +80,6 @@ def describe_refusal(reason: str) -> str:
     words = {ONE_WAY: "the way back disagrees", FEATURES: "features agree on another motion"}
     why = f"refused ({reason}): {words[reason]}" if reason in words else f"refused ({reason})"
     return f"{why}; {REMEDY}, or a first guess (--guess, by odometry), would help"
-
-
-def residual(found: Alignment) -> dict[str, float | int]:
-    """Return how well the images agree at a pose."""
-    return {
-        "mad": found.mad,
-        "ncc": found.ncc,
-        "overlap": found.overlap,
-        "inlier_share": found.inlier_share,
-        "num_pixels": found.num_pixels,
-    }
 
 
 def finite(matrix: np.ndarray) -> list[list[float | None]]:

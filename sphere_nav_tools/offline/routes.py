@@ -10,6 +10,7 @@ import numpy as np
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.constants import MAX_TURN
 from path_follower.routes.course import make_course
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.mission_file import write_course
@@ -45,10 +46,8 @@ def read_network_of(files: Sequence[Path], map_id: str, reverse: Collection[Path
 
 def find_spot(network: Network, x: float, y: float, *yaw: float) -> Spot:
     """Return the spot of a network that is closest to a position, and heads as asked for; ValueError where none is."""
-    turns = np.concatenate([yaw] if yaw else [edge.curve.yaw for edge in network.edges.values()])
-    found: list[Spot] = []
-    for turn in np.unique(np.round(turns / 0.3) * 0.3):
-        found += network.locate(Pose2(x, y, float(turn)), NETWORK_REACH, 0.35)
+    heading, max_turn = (yaw[0], MAX_TURN) if yaw else (0.0, np.inf)
+    found = network.locate(Pose2(x, y, heading), NETWORK_REACH, max_turn)
     if not found:
         raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
     return min(found, key=lambda spot: abs(spot.left))

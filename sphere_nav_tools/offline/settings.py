@@ -1,29 +1,59 @@
-"""Parameters of a node on the command line."""
+"""How commands declare their arguments: files to write and parameters of nodes among them."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.files.untrusted import load_yaml, number
 
 PICTURES = (".png", ".pdf", ".svg")  # what figures are drawn as
+Container = argparse._ActionsContainer  # a parser, or a group of its arguments
 
 
-class SettingAction(argparse.Action):
-    """Collects words NAME=VALUE into a dictionary; values as in YAML. ValueError for a word that is no pair."""
+def add(
+    parser: Container,
+    name: str,
+    metavar: str | tuple[str, ...],
+    told: str,
+    kind: Callable[[str], Any] = str,
+    **more: Any,
+) -> None:
+    """Declare what has a value: an option, or a word in its place. `more`: as argparse takes it."""
+    parser.add_argument(name, metavar=metavar, help=told, type=kind, **more)
+
+
+def flag(parser: Container, name: str, told: str) -> None:
+    """Declare an option that is given or not."""
+    parser.add_argument(name, action="store_true", help=told)
+
+
+def choose(
+    parser: Container, name: str, choices: Collection[str], told: str, default: str | None = None, **more: Any
+) -> None:
+    """Declare what is one of a few words."""
+    parser.add_argument(name, choices=choices, default=default, help=told, **more)
+
+
+class CollectAction(argparse.Action):
+    """Adds to a dictionary what its `const` makes of the option and a word."""
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, word: Any, option_string: str | None = None) -> None:
         """Add one word."""
-        name, separator, text = word.partition("=")
-        if not separator:
-            raise ValueError(f"{option_string}: expected NAME=VALUE, found {word!r}")
-        value = load_yaml(f"{option_string} {name}", text)
-        setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
+        setattr(namespace, self.dest, getattr(namespace, self.dest) | self.const(self.option_strings[0], word))
+
+
+def _read_setting(option: str, word: str) -> dict[str, Any]:
+    """Return what a word NAME=VALUE sets, the value as in YAML; ValueError for a word that is no pair."""
+    name, separator, text = word.partition("=")
+    if not separator:
+        raise ValueError(f"{option}: expected NAME=VALUE, found {word!r}")
+    return {name: load_yaml(f"{option} {name}", text)}
 
 
 def floats(expected: str, least: int, most: int = 0) -> Callable[[str], tuple[float, ...]]:
@@ -65,7 +95,7 @@ def read_count(text: str) -> int:
     return int(text)
 
 
-def read_size(text: str) -> tuple[int, int]:
+def read_size(text: str) -> Size:
     """Return width and height of an argument WxH, pixels."""
     found = re.fullmatch(r"(\d+)[x×](\d+)", text)
     if found is None or "0" in found.groups():
@@ -75,9 +105,8 @@ def read_size(text: str) -> tuple[int, int]:
 
 def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:
     """Declare an option that sets parameters of a node, as often as it is given."""
-    parser.add_argument(
-        option, action=SettingAction, default={}, metavar="NAME=VALUE", dest=dest, help=f"parameter of {node}"
-    )
+    how: dict[str, Any] = {"action": CollectAction, "const": _read_setting, "default": {}, "dest": dest}
+    add(parser, option, "NAME=VALUE", f"parameter of {node}", **how)
 
 
 class FileAction(argparse.Action):
@@ -108,7 +137,7 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, what: str, endings
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Declare --overwrite."""
-    parser.add_argument("--overwrite", action="store_true", help="replace what is there")
+    flag(parser, "--overwrite", "replace what is there")
 
 
 def check_files(arguments: argparse.Namespace) -> None:

@@ -7,7 +7,6 @@ its reason.
 from __future__ import annotations
 
 import argparse
-import difflib
 import logging
 import os.path
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,8 +19,10 @@ import numpy as np
 
 from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.stereo_intake import open_pair
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_mounting
+from sphere_nav.params import meant
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import (
@@ -217,7 +218,7 @@ class TopicFinder:
         """
         pictures = [stream for stream in self.usable if stream.is_picture]
         colored = _best(pictures, lambda picture: INFRARED.isdisjoint(picture.base.split("/")))
-        best: dict[tuple[str, tuple[int, int]], Stream] = {}
+        best: dict[tuple[str, Size], Stream] = {}
         for view in sorted(colored if has_pairs else _without_rights(colored), key=lambda s: (s.is_gray, s.topic)):
             best.setdefault((view.frame_id or view.topic, view.size), view)
         return list(best.values())
@@ -343,8 +344,8 @@ class TopicFinder:
 
     def _checked(self, ours: str, topic: str) -> str:
         if topic not in self.by_name:
-            near = difflib.get_close_matches(topic, self.by_name, n=1)
-            found = f"no such one (is {near[0]} meant?)" if near else ", ".join(self.by_name) or "none"
+            hint = meant(topic, self.by_name)
+            found = f"no such one{hint}" if hint else ", ".join(self.by_name) or "none"
             raise BagError(f"{ours}: expected topic {topic}, found {found}")
         stream, role = self.by_name[topic], role_of(ours)
         if _fault(stream):

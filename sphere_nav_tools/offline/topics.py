@@ -8,12 +8,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, IMU, ODOMETRY, SPHERE, SPHERE_INFO, Stream
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import driver_names
 from sphere_nav.ros.camera.odometry_input import is_truth
+from sphere_nav_tools.offline.settings import CollectAction, add
 
 PICTURES = (IMAGE, COMPRESSED)
 DEPTH = "depth/image_raw"
@@ -68,22 +69,18 @@ def words(stream: Stream) -> set[str]:
 SEPARATORS = {"--camera": "=", "--remap": ":="}  # of what two words in one name
 
 
-class TopicAction(argparse.Action):
-    """Adds what the user names to a dictionary, our topic -> the bag's; ValueError for words that are no pair."""
-
-    def __call__(self, parser: Any, namespace: argparse.Namespace, word: Any, option_string: str | None = None) -> None:
-        """Add one topic; an empty one is none."""
-        option, ours, theirs = self.option_strings[0], self.const, word
-        if option in SEPARATORS:
-            ours, _, theirs = word.partition(SEPARATORS[option])
-            if not (ours and theirs):
-                raise ValueError(f"{option}: expected A{SEPARATORS[option]}B, found {word!r}")
-            ours = f"cameras/{ours}/image_raw" if option == "--camera" else ours.lstrip("/")
-            if not (role_of(ours).types or ours in OTHERS):
-                known = ", ".join((*ROLES, "cameras/NAME/image_raw", *OTHERS))
-                raise ValueError(f"{option}: expected one of our topics ({known}), found {ours!r}: nobody reads it")
-        if theirs:
-            setattr(namespace, self.dest, getattr(namespace, self.dest) | {ours: theirs})
+def _read_topic(ours: str, option: str, word: str) -> dict[str, str]:
+    """Return what the user names, our topic -> the bag's: none for an empty one. ValueError: words that are no pair."""
+    theirs = word
+    if option in SEPARATORS:
+        ours, _, theirs = word.partition(SEPARATORS[option])
+        if not (ours and theirs):
+            raise ValueError(f"{option}: expected A{SEPARATORS[option]}B, found {word!r}")
+        ours = f"cameras/{ours}/image_raw" if option == "--camera" else ours.lstrip("/")
+        if not (role_of(ours).types or ours in OTHERS):
+            known = ", ".join((*ROLES, "cameras/NAME/image_raw", *OTHERS))
+            raise ValueError(f"{option}: expected one of our topics ({known}), found {ours!r}: nobody reads it")
+    return {ours: theirs} if theirs else {}
 
 
 def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) -> None:
@@ -93,16 +90,11 @@ def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) ->
     options += [("--camera", "", "NAME=TOPIC", "images of a camera of a rig")] * has_cameras
     options += [("--remap", "", "OURS:=THEIRS", "any other topic, as in ROS")]
     for option, ours, metavar, meaning in options:
-        group.add_argument(
-            option, action=TopicAction, const=ours, dest="topics", default={}, metavar=metavar, help=meaning
-        )
-    group.add_argument("--driver", metavar="NAME", help=f"preset of names: {', '.join(driver_names())}; or a file")
-    group.add_argument(
-        "--mounting",
-        metavar="x,y,z,roll,pitch,yaw",
-        default="",
-        help="camera (x ahead, y left, z up) on base_link in m and rad, or a YAML file; else by /tf_static",
-    )
+        read = partial(_read_topic, ours)
+        add(group, option, metavar, meaning, action=CollectAction, const=read, dest="topics", default={})
+    add(group, "--driver", "NAME", f"preset of names: {', '.join(driver_names())}; or a file")
+    told = "camera (x ahead, y left, z up) on base_link in m and rad, or a YAML file; else by /tf_static"
+    add(group, "--mounting", "x,y,z,roll,pitch,yaw", told, default="")
 
 
 def options_of(topics: Mapping[str, str]) -> list[str]:

@@ -55,7 +55,6 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a long word": (lambda: untrusted.load_yaml("x", "a" * (untrusted.MAX_WORD + 1)), "a word of"),
     "many aliases": (lambda: untrusted.load_yaml("x", f"a: &a 1\nb: [{'*a, ' * 20_000}]"), "more than .* aliases"),
     "a field too many": (lambda: untrusted.mapping({"a": 1, "b": 2}, "x", ["a"]), "x.b: expected only a"),
-    "no pixel": (lambda: untrusted.size(0, "x"), "x: expected a positive number of pixels"),
     "a stretched pose": (lambda: untrusted.pose(np.diag([2.0, 1, 1, 1]).tolist(), "x"), "x: rigid motion: expected"),
     "folder above": (lambda: untrusted.path_below(Path("/tmp"), "../etc", "a map"), "expected a map below /tmp"),
 }  # fmt: skip
@@ -91,7 +90,6 @@ def test_what_is_just_within_is_taken(tmp_path: Path) -> None:
     assert untrusted.read_npy(tmp_path / "a.npy", "array").tolist() == [0, 1, 2]
     assert untrusted.path_below(tmp_path, "b/c", "a map") == tmp_path / "b" / "c"
     assert untrusted.load_json("x", '{"a": [1]}') == {"a": [1]}
-    assert untrusted.size(untrusted.MAX_SIDE, "x") == untrusted.MAX_SIDE
     assert untrusted.load_yaml("x", "a" * untrusted.MAX_WORD) == "a" * untrusted.MAX_WORD
     assert untrusted.pose(SE3.exp(np.ones(6)).matrix.tolist(), "x").distance(SE3.exp(np.ones(6)))[0] < 1e-9
     check_center(LENS, "info")

@@ -83,7 +83,6 @@ COMMANDS = {  # what takes the input in question, and what may be wrong with it
         "mapper.num_references=9": ("expected 1 to 4, found 9",),
         "word": ("--set: expected NAME=VALUE, found 'word'",),
     },
-    "map good -o out --input {}": {"stereo": ("topics: expected images of a left camera", "(--left, --right)")},
     "localize map good -o out.tum {}": {
         "--initial-pose=90,0,0,0,0,0,1": ("initial pose: expected at most 10 m from a key sphere, found 90.0 m",),
         "--image=/front/image_raw": ("expected topic /front/image_raw",),

@@ -1,21 +1,12 @@
-"""A calibration of another program as `rig-convert` reads it."""
+"""A calibration that is refused."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-
-from sphere_nav.geometry import Rig
-from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
-
-
-def read_foreign(paths: Sequence[Path], frame: str = "camera", **options: Any) -> Rig:
-    """Return the rig of files."""
-    return place_rig(read_foreign_cameras(paths, **options), frame, paths[0])
 
 
 def refusal(read: Callable[[Path], object], path: Path) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array, Flags
+from sphere_nav.geometry.arrays import Array, Flags, Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.omni import Omni
@@ -38,7 +38,7 @@ def first_lens(model: str, focal: float, center: tuple[float, float]) -> Array:
     return found
 
 
-def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: int) -> Camera:
+def camera_of(model: str, size: Size, lens: Array, num_distortion: int) -> Camera:
     """Return the camera of a parameter vector; a pinhole keeps its first `num_distortion` coefficients."""
     fx, fy, cx, cy, *k = (float(value) for value in lens)
     width, height = size

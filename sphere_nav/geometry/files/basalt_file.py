@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, refuse_model
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, read_as, read_text, required
+from sphere_nav.geometry.cameras.rig import RigCamera
+from sphere_nav.geometry.files.foreign_cameras import Posed, camera_at, refuse_model
+from sphere_nav.geometry.files.untrusted import read_as, required
 from sphere_nav.geometry.se3 import SE3
 
 FURTHER: dict[str, tuple[str, ...]] = {
@@ -38,7 +39,7 @@ class _Lens:
 class _Calibration:
     T_imu_cam: tuple[dict[str, float], ...]
     intrinsics: tuple[_Lens, ...]
-    resolution: tuple[tuple[int, int], ...]
+    resolution: tuple[Size, ...]
 
 
 def is_basalt(values: Any) -> bool:
@@ -46,19 +47,18 @@ def is_basalt(values: Any) -> bool:
     return isinstance(values, dict) and "T_imu_cam" in _inner(values)
 
 
-def read_basalt(path: Path) -> ForeignRig:
-    """Return the cameras of a calibration of basalt; `T_imu_cam` points as ours do."""
-    values = load_json(path, read_text(path, "basalt calibration", MAX_FILE_BYTES))
-    where = f"{path}: value0"
-    found: _Calibration = read_as(_Calibration, _inner(required(values, where, ())), where)
+def read_basalt(values: Any) -> Posed:
+    """Return the cameras of a calibration; `T_imu_cam` points as ours do."""
+    found: _Calibration = read_as(_Calibration, _inner(values), "value0")
     counts = [len(found.T_imu_cam), len(found.intrinsics), len(found.resolution)]
     if len(set(counts)) > 1 or not counts[0]:
         told = "{} of T_imu_cam, {} of intrinsics, {} of resolution".format(*counts)
-        raise ValueError(f"{where}: expected one pose, lens and size for each camera, found {told}")
-    poses = tuple(_place(pose, f"{where}.T_imu_cam[{n}]") for n, pose in enumerate(found.T_imu_cam))
-    lenses = enumerate(zip(found.intrinsics, found.resolution, strict=True))
-    cameras = tuple(_camera(lens, size, f"{where}.intrinsics[{n}]") for n, (lens, size) in lenses)
-    return ForeignRig(tuple(f"cam{n}" for n in range(len(cameras))), cameras, poses, is_by_imu=True)
+        raise ValueError(f"value0: expected one pose, lens and size for each camera, found {told}")
+    parts = []
+    for n, (pose, lens, size) in enumerate(zip(found.T_imu_cam, found.intrinsics, found.resolution, strict=True)):
+        camera = _camera(lens, size, f"value0.intrinsics[{n}]")
+        parts.append(RigCamera(f"cam{n}", camera, _place(pose, f"value0.T_imu_cam[{n}]")))
+    return parts, True
 
 
 def _inner(values: Mapping[str, Any]) -> Any:
@@ -67,7 +67,7 @@ def _inner(values: Mapping[str, Any]) -> Any:
     return inner if isinstance(inner, dict) else {}
 
 
-def _camera(lens: _Lens, size: tuple[int, int], where: str) -> Camera:
+def _camera(lens: _Lens, size: Size, where: str) -> Camera:
     kind = lens.camera_type
     if kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))

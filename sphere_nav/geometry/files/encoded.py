@@ -5,7 +5,6 @@ Files of images may be of any other kind that OpenCV reads (TIFF, BMP, PGM, ...)
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import printable, read_bytes
+from sphere_nav.geometry.files.untrusted import AnyPath, printable, read_bytes, told_at
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -27,16 +27,13 @@ STANDALONE = {0x01, 0xFF, *range(0xD0, 0xD9)}
 OTHER_BYTES, OTHER_S = 1 << 30, 20.0  # of memory and of time for a file of another kind
 
 
-def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "file of an image") -> NDArray[Any]:
+def read_image_file(path: AnyPath, mode: int, what: str = "file of an image") -> NDArray[Any]:
     """Return the pixels of a file as cv2 does in this mode; ValueError in one line for anything else than an image."""
     data = read_bytes(path, what, LIMITS["image file"])
-    try:
-        if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
+    if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
+        with told_at(path):
             return decode_file(data, MAX_PIXELS, mode)
-        return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    return np.asarray(read_isolated(_read_other, Path(path), OTHER_BYTES, OTHER_S, str(mode)))
 
 
 def _read_other(path: Path, mode: str) -> NDArray[Any]:
@@ -48,7 +45,7 @@ def _read_other(path: Path, mode: str) -> NDArray[Any]:
 
 
 def decode_file(
-    data: Any, max_pixels: int, mode: int, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+    data: Any, max_pixels: int, mode: int, size: Size | None = None, size_name: str = "camera_info"
 ) -> NDArray[Any]:
     """Return the pixels of a PNG or JPEG as cv2 does in this mode.
 
@@ -69,7 +66,7 @@ def decode_file(
     return np.asarray(pixels)
 
 
-def encoded_size(data: bytes) -> tuple[int, int]:
+def encoded_size(data: bytes) -> Size:
     """Return (width, height); ValueError if the bytes begin neither a PNG nor a JPEG file."""
     if data.startswith(PNG_MAGIC) and len(data) >= 24:
         width, height = struct.unpack(">II", data[16:24])
@@ -79,7 +76,7 @@ def encoded_size(data: bytes) -> tuple[int, int]:
     raise ValueError(f"image data: expected PNG or JPEG, found bytes {data[:8].hex(' ')}")
 
 
-def _jpeg_size(data: bytes) -> tuple[int, int]:
+def _jpeg_size(data: bytes) -> Size:
     place = 2
     while place + 9 <= len(data) and data[place] == 0xFF:
         marker = data[place + 1]

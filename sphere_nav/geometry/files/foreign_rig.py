@@ -3,57 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
+from sphere_nav.geometry.arrays import Size
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig
+from sphere_nav.geometry.files.foreign_cameras import Posed
 from sphere_nav.geometry.files.kalibr_file import is_kalibr, read_kalibr
-from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
+from sphere_nav.geometry.files.opencv_file import load_opencv, read_opencv
 from sphere_nav.geometry.files.untrusted import told_at
+from sphere_nav.geometry.se3 import SE3
 
 FRAMES = ("camera", "imu")
 
 
-def read_foreign_cameras(
+def read_foreign_rig(
     paths: Sequence[Path],
-    image_size: tuple[int, int] | None = None,
+    frame: str = "camera",
+    image_size: Size | None = None,
     model: str | None = None,
     unit_m: float = 1.0,
-) -> ForeignRig:
-    """Return the cameras of one file, or of the two of OpenCV's stereo sample, as written there.
+) -> Rig:
+    """Return the cameras of one file, or of the two of OpenCV's stereo sample; ValueError in one line for none.
 
-    ValueError in one line if there are none. image_size (width, height), model (pinhole, fisheye) and unit_m, the
-    length of the file's unit in metres, are what OpenCV's files may not tell.
+    frame: "camera" for the first one level and ahead, "imu" for the IMU's axes. image_size (width, height), model
+    (pinhole, fisheye) and unit_m, the length of the file's unit in metres, are what OpenCV's files may not tell.
     """
-    chosen = _format(paths)
-    if chosen != "opencv" and len(paths) > 1:
-        raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}")
-    if chosen == "opencv":
-        return read_opencv(paths, image_size, model, unit_m)
-    return read_kalibr(paths[0]) if chosen == "kalibr" else read_basalt(paths[0])
+    contents = [load_opencv(path) for path in paths]
+    with told_at(" ".join(map(str, paths))):
+        cameras, is_by_imu = _read(contents, image_size, model, unit_m)
+        if frame == "imu" and not is_by_imu:
+            raise ValueError("expected poses relative to an IMU (--frame imu), found none")
+        T_rig_origin = SE3.identity() if frame == "imu" else T_BODY_OPTICAL @ cameras[0].T_rig_camera.inverse()
+        parts = [replace(part, T_rig_camera=T_rig_origin @ part.T_rig_camera) for part in cameras]
+        return Rig(tuple(parts), paths[0].stem)
 
 
-def _format(paths: Sequence[Path]) -> str:
-    values = load_opencv(paths[0])
-    for name, is_it in (("kalibr", is_kalibr), ("basalt", is_basalt), ("opencv", is_opencv)):
-        if is_it(values):
-            return name
-    raise ValueError(
-        f"{paths[0]}: expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...) or an OpenCV "
-        "calibration (camera_matrix, M1, R and T), found neither"
-    )
-
-
-def place_rig(found: ForeignRig, frame: str, path: Path) -> Rig:
-    """Return the rig in body axes, by frame: "camera" for the first one level and ahead, "imu" for the IMU's axes."""
-    if frame == "imu":
-        if not found.is_by_imu:
-            raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")
-        poses = list(found.T_origin_camera)
-    else:
-        T_rig_origin = T_BODY_OPTICAL @ found.T_origin_camera[0].inverse()
-        poses = [T_rig_origin @ T for T in found.T_origin_camera]
-    parts = zip(found.names, found.cameras, poses, strict=True)
-    with told_at(path):
-        return Rig(tuple(RigCamera(*part) for part in parts), path.stem)
+def _read(contents: Sequence[Any], image_size: Size | None, model: str | None, unit_m: float) -> Posed:
+    for is_it, read in ((is_kalibr, read_kalibr), (is_basalt, read_basalt)):
+        if is_it(contents[0]):
+            if len(contents) > 1:
+                raise ValueError(f"expected one file of Kalibr or basalt, found {len(contents)}")
+            return read(contents[0])
+    return read_opencv(contents, image_size, model, unit_m), False

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, image_size, refuse_model
-from sphere_nav.geometry.files.opencv_file import without_directive
-from sphere_nav.geometry.files.untrusted import (
-    MAX_FILE_BYTES,
-    load_yaml,
-    numbers,
-    pose,
-    read_text,
-    required,
-    short,
-    told_at,
-)
+from sphere_nav.geometry.cameras.rig import RigCamera
+from sphere_nav.geometry.files.foreign_cameras import Posed, camera_at, refuse_model
+from sphere_nav.geometry.files.untrusted import numbers, pose, read_as, required
 from sphere_nav.geometry.se3 import SE3
 
 NAME = re.compile(r"cam([0-9]{1,3})")
@@ -40,27 +31,19 @@ def is_kalibr(values: Any) -> bool:
     return isinstance(values, dict) and any(NAME.fullmatch(str(key)) for key in values)
 
 
-def read_kalibr(path: Path) -> ForeignRig:
+def read_kalibr(values: Mapping[Any, Any]) -> Posed:
     """Return the cameras of a camchain (https://github.com/ethz-asl/kalibr/wiki/yaml-formats).
 
     `T_cn_cnm1` takes points of camera n - 1 to camera n, `T_cam_imu` points of the IMU to the camera; both point the
     other way than ours do.
     """
-    values = load_yaml(path, without_directive(read_text(path, "Kalibr camchain", MAX_FILE_BYTES)))
-    with told_at(path):
-        return _rig(values)
-
-
-def _rig(values: Any) -> ForeignRig:
-    if not is_kalibr(values):
-        raise ValueError(f"camchain: expected cam0, cam1, ..., found {short(values)}")
     names = sorted((str(key) for key in values if NAME.fullmatch(str(key))), key=lambda name: int(name[3:]))
     if names != [f"cam{number}" for number in range(len(names))]:
         raise ValueError(f"camchain: expected cam0 to cam{len(names) - 1}, found {', '.join(names)}")
     entries = {name: required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names}
-    cameras = tuple(_camera(name, entry) for name, entry in entries.items())
+    cameras = [_camera(name, entry) for name, entry in entries.items()]
     poses, is_by_imu = _poses(entries)
-    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu)
+    return list(map(RigCamera, names, cameras, poses)), is_by_imu
 
 
 def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
@@ -72,7 +55,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
         raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
     given = numbers(entry["intrinsics"], f"{name}.intrinsics", NUM_INTRINSICS[model])
     k = numbers(entry.get("distortion_coeffs") or [], f"{name}.distortion_coeffs", NUM_DISTORTION[distortion])
-    size = image_size(entry["resolution"], f"{name}.resolution")
+    size: Size = read_as(Size, entry["resolution"], f"{name}.resolution")
     lens: tuple[Any, ...] = (Fisheye if distortion == "equidistant" else Pinhole), k
     if model != "pinhole":
         lens = (DoubleSphere, *given[:2]) if model == "ds" else (Omni, given[0], k)

@@ -7,27 +7,27 @@ the same or in a second file, with x_2 = R x_1 + T.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.cameras.rig import NAME
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, camera_at, refuse_model
+from sphere_nav.geometry.cameras.rig import NAME, RigCamera
+from sphere_nav.geometry.files.foreign_cameras import camera_at, refuse_model
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
     ROTATION_TOLERANCE,
-    StrictLoader,
     load_yaml,
     number,
+    read_as,
     read_text,
     short,
-    size,
     told_at,
 )
 from sphere_nav.geometry.se3 import SE3
@@ -35,30 +35,14 @@ from sphere_nav.geometry.se3 import SE3
 Values = Mapping[str, Any]
 
 MATRICES = ("cameramatrix", "k", "m", "mtx")  # keys in small letters, without _ and -
+FIRST = {f"{name}{number}" for name in MATRICES for number in ("", "1")}  # of which such a file has one, or R and T
 DISTORTIONS = ("distortioncoefficients", "distcoeffs", "d", "dist")
 SIZES = (("imagewidth", "imageheight"), ("width", "height"))
 PINHOLE_MODELS = ("pinhole", "plumb_bob", "rational_polynomial", "radtan", "none")
 FISHEYE_MODELS = ("fisheye", "equidistant")
 NUM_PINHOLE = (0, 4, 5, 8, 12, 14)
 MAX_SKEW = 1e-6
-
-
-class _OpenCvLoader(StrictLoader):
-    """Reads `!!opencv-matrix` as the mapping of rows, cols and data that it is."""
-
-
-def _as_mapping(loader: _OpenCvLoader, node: Any) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
-_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
-
-
-def without_directive(text: str) -> str:
-    """Return the text without the directive `%YAML:1.0` of OpenCV, which is none of YAML's."""
-    lines = text.splitlines()
-    return "\n".join(lines[1:] if lines and lines[0].startswith("%YAML") else lines)
+NOT_YAML = re.compile(r"\A%YAML.*|!!opencv-(nd-)?matrix")  # what OpenCV writes beside: its directive, and its tags
 
 
 def load_opencv(path: Path) -> Any:
@@ -66,29 +50,23 @@ def load_opencv(path: Path) -> Any:
     text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
-    return load_yaml(path, without_directive(text).replace("\t", " "), _OpenCvLoader)
+    return load_yaml(path, NOT_YAML.sub("", text).replace("\t", " "))
 
 
-def is_opencv(values: Any) -> bool:
-    """Whether these are the values of such a file."""
-    keys = _plain(values) if isinstance(values, dict) else {}
-    return any(f"{name}{number}" in keys for name in MATRICES for number in ("", "1")) or {"r", "t"} <= set(keys)
-
-
-def read_opencv(
-    paths: Sequence[Path], image_size: tuple[int, int] | None, model: str | None, unit_m: float
-) -> ForeignRig:
-    """Return one camera, or two and their poses, of one file or of several that complete each other."""
+def read_opencv(contents: Sequence[Any], image_size: Size | None, model: str | None, unit_m: float) -> list[RigCamera]:
+    """Return one camera, or two, by the values of one file or of several that complete each other."""
     values: dict[str, Any] = {}
-    for path in paths:
-        found = load_opencv(path)
-        if not is_opencv(found):
-            raise ValueError(f"{path}: expected camera_matrix, M1 or R and T of OpenCV, found {short(found)}")
-        if twice := sorted(set(values) & set(_plain(found))):
-            raise ValueError(f"{path}: {twice[0]}: expected fields that the first file has not, found it again")
-        values |= _plain(found)
-    with told_at(" ".join(map(str, paths))):
-        return _rig(values, image_size, model, unit_m)
+    for content in contents:
+        found = _plain(content) if isinstance(content, dict) else {}
+        if not (found.keys() & FIRST or found.keys() >= {"r", "t"}):
+            raise ValueError(
+                "expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...) or an OpenCV calibration "
+                f"(camera_matrix, M1, R and T), found {short(content)}"
+            )
+        if twice := sorted(values.keys() & found.keys()):
+            raise ValueError(f"{twice[0]}: expected fields that the first file has not, found it again")
+        values |= found
+    return _cameras(values, image_size, model, unit_m)
 
 
 def _plain(values: Values) -> dict[str, Any]:
@@ -96,24 +74,24 @@ def _plain(values: Values) -> dict[str, Any]:
     return {str(key).lower().replace("_", "").replace("-", ""): value for key, value in values.items()}
 
 
-def _rig(values: Values, image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> ForeignRig:
+def _cameras(values: Values, image_size: Size | None, model: str | None, unit_m: float) -> list[RigCamera]:
     size_found = _size(values, image_size)
     chosen = _model(values, model)
     if any(name in values for name in MATRICES):
         named = str(values.get("cameraname") or "")
         name = named if NAME.fullmatch(named) else "camera"
-        return ForeignRig((name,), (_camera(values, "", size_found, chosen),), (SE3.identity(),))
-    cameras = tuple(_camera(values, suffix, size_found, chosen) for suffix in ("1", "2"))
+        return [RigCamera(name, _camera(values, "", size_found, chosen), SE3.identity())]
+    left, right = (_camera(values, suffix, size_found, chosen) for suffix in ("1", "2"))
     if "r" not in values or "t" not in values:
         raise ValueError("expected R and T of the second camera (extrinsics.yml beside intrinsics.yml), found none")
-    T_second_first = _pose(_matrix(values["r"], "R"), _matrix(values["t"], "T"), unit_m)
-    return ForeignRig(("left", "right"), cameras, (SE3.identity(), T_second_first.inverse()))
+    T_right_left = _pose(_matrix(values["r"], "R"), _matrix(values["t"], "T"), unit_m)
+    return [RigCamera("left", left, SE3.identity()), RigCamera("right", right, T_right_left.inverse())]
 
 
-def _size(values: Values, given: tuple[int, int] | None) -> tuple[int, int]:
+def _size(values: Values, given: Size | None) -> Size:
     for pair in SIZES:
         if all(name in values for name in pair):
-            return size(values[pair[0]], pair[0]), size(values[pair[1]], pair[1])
+            return read_as(int, values[pair[0]], pair[0]), read_as(int, values[pair[1]], pair[1])
     if given is None:
         raise ValueError("image_width, image_height: expected in the file, or --size, found neither")
     return given
@@ -129,7 +107,7 @@ def _model(values: Values, given: str | None) -> str:
     return "pinhole"
 
 
-def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str) -> Camera:
+def _camera(values: Values, suffix: str, image_size: Size, model: str) -> Camera:
     key = next((name + suffix for name in MATRICES if name + suffix in values), None)
     if key is None:
         raise ValueError(f"M{suffix}: expected a camera matrix, found none")
@@ -152,7 +130,7 @@ def _matrix(found: Any, where: str) -> Array:
     """Return a matrix of rows, cols and data, or a nested list."""
     is_told = isinstance(found, dict) and {"rows", "cols", "data"} <= set(found)
     table = np.array(found["data"] if is_told else found, dtype=object)
-    shape = tuple(size(found[side], f"{where}.{side}") for side in ("rows", "cols")) if is_told else table.shape
+    shape = tuple(read_as(int, found[side], f"{where}.{side}") for side in ("rows", "cols")) if is_told else table.shape
     if len(shape) > 2 or table.size != math.prod(shape) or not table.size:
         raise ValueError(f"{where}: expected a matrix, found {table.size} numbers: {short(found)}")
     return np.array([number(value, where) for value in table.ravel()]).reshape(shape)

@@ -20,14 +20,15 @@ from io import BufferedReader
 from pathlib import Path
 from tokenize import TokenError
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
 
-from sphere_nav.geometry.cameras.camera import MAX_SIDE
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.se3 import SE3
 
+AnyPath: TypeAlias = str | os.PathLike[str]
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
 MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
@@ -42,7 +43,7 @@ def told_at(where: object, kind: type[ValueError] = ValueError) -> Iterator[None
         raise kind(f"{where}: {error}") from None
 
 
-def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BufferedReader:
+def open_file(path: AnyPath, what: str, max_bytes: int) -> BufferedReader:
     """Open a regular file for reading; ValueError in one line where it is none, or larger than `max_bytes`.
 
     `what` names the kind of file that was expected. What is checked is what is opened, also behind a link.
@@ -59,16 +60,14 @@ def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> Buffer
     return os.fdopen(descriptor, "rb")
 
 
-def read_bytes(path: str | os.PathLike[str], what: str, max_bytes: int) -> bytes:
+def read_bytes(path: AnyPath, what: str, max_bytes: int) -> bytes:
     """Return the bytes of a regular file; errors as of `open_file`."""
     with open_file(path, what, max_bytes) as file:
         size = os.fstat(file.fileno()).st_size
         return file.read(size) or b""  # takes memory for what is asked for; None of a file of /proc that would wait
 
 
-def read_text(
-    path: str | os.PathLike[str], what: str, max_bytes: int = MAX_TABLE_BYTES, *, errors: str = "strict"
-) -> str:
+def read_text(path: AnyPath, what: str, max_bytes: int = MAX_TABLE_BYTES, *, errors: str = "strict") -> str:
     """Return the text (UTF-8) of a regular file with LF for every line end; errors as of `open_file`.
 
     `errors` = "replace" reads on where a remark is in another encoding.
@@ -80,7 +79,7 @@ def read_text(
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def read_npy(path: str | os.PathLike[str], what: str) -> Any:
+def read_npy(path: AnyPath, what: str) -> Any:
     """Return the array of a .npy, mapped into memory; ValueError in one line for any other file."""
     with open_file(path, what, MAX_ARRAY_BYTES) as file:
         if file.read(len(NPY_MAGIC)) != NPY_MAGIC:  # np.load opens zip archives, too
@@ -92,7 +91,7 @@ def read_npy(path: str | os.PathLike[str], what: str) -> Any:
         raise ValueError(f"{path}: expected an {what}, found a file that is none ({text})") from None
 
 
-def load_json(where: Path | str, text: str) -> Any:
+def load_json(where: object, text: str) -> Any:
     """Return the values of a JSON text; ValueError in one line, with `where` it stands, for anything else."""
     try:
         return json.loads(text)
@@ -115,7 +114,7 @@ def printable(text: str) -> str:
     return line if line.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
-def _check(found: os.stat_result, path: str | os.PathLike[str], what: str, max_bytes: int) -> None:
+def _check(found: os.stat_result, path: AnyPath, what: str, max_bytes: int) -> None:
     mode = found.st_mode
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a FIFO" if stat.S_ISFIFO(mode) else "no regular file"
@@ -146,13 +145,13 @@ class StrictLoader(Base):  # type: ignore[misc]
         return dict(found)
 
 
-def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictLoader) -> Any:
+def load_yaml(where: object, text: str) -> Any:
     """Return the values of a YAML text; ValueError in one line, with `where` it stands, for anything else."""
     if len(text) > MAX_TEXT:
         raise ValueError(f"{where}: expected YAML of at most {MAX_TEXT} characters, found {len(text)}")
     try:
         _check_events(text)
-        return yaml.load(text, Loader=loader)
+        return yaml.load(text, Loader=StrictLoader)
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise ValueError(f"{where}: expected YAML, found {printable(str(error))[:300]}") from None
 
@@ -288,13 +287,6 @@ def choice(found: Any, where: str, names: Iterable[str]) -> str:
     return found
 
 
-def size(found: Any, where: str) -> int:
-    """Return a number of pixels."""
-    if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= MAX_SIDE:
-        raise ValueError(f"{where}: expected a positive number of pixels, at most {MAX_SIDE}, found {short(found)}")
-    return found
-
-
 def pose(found: Any, where: str) -> SE3:
     """Return the motion of 4 rows of 4 numbers, a rotation within `ROTATION_TOLERANCE`."""
     if not isinstance(found, list) or len(found) != 4:
@@ -304,7 +296,7 @@ def pose(found: Any, where: str) -> SE3:
         return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
 
 
-def check_center(center: tuple[float, float], image_size: tuple[int, int], where: str) -> None:
+def check_center(center: tuple[float, float], image_size: Size, where: str) -> None:
     """Raise ValueError where the principal point lies outside the image: intrinsics of another size."""
     (cx, cy), (width, height) = center, image_size
     if not (0 <= cx < width and 0 <= cy < height):

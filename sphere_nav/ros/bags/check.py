@@ -42,9 +42,8 @@ def verify_bag(bag: BagReader, progress: Progress = lambda step: None) -> tuple[
     return num_messages, problems
 
 
-def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
+def salvage(source: Path, target: Path, progress: Progress = lambda step: None) -> int:
     """Copy what is whole of a damaged bag into a new bag; return the number of messages."""
-    source = Path(source)
     files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
     if any(file.suffix == SQLITE for file in files or source.glob(f"*{SQLITE}")):
         raise BagError(f"{source}: expected an .mcap file to salvage, found sqlite3: {SALVAGE}")

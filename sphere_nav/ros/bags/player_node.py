@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterable, Iterator
 
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
 
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
-from sphere_nav.ros.bags.playback import Playback, is_latched
 from sphere_nav.ros.constants import (
     ACKNOWLEDGE_S,
     ACKNOWLEDGED_SIZE,
@@ -47,7 +44,6 @@ class BagPlayer(ManagedNode):
     PARAMS = PlayerParams
     LARGE_MESSAGES = True
     params: PlayerParams
-    progress: Callable[[int, int], None] = staticmethod(lambda done, total: None)
 
     def configure(self) -> None:
         """Open the bag and its topics."""
@@ -55,24 +51,31 @@ class BagPlayer(ManagedNode):
             raise ValueError("bag: expected a folder or an .mcap file to play, found none")
         self.bag = BagReader(self.params.bag)
         chosen = self._choose()
-        start_ns, end_ns = self.bag.time_range
-        if start_ns + self.params.start * 1e9 > end_ns:
-            length = (end_ns - start_ns) / 1e9
+        begin_ns, end_ns = self.bag.time_range
+        self.start_ns = begin_ns + round(self.params.start * 1e9)
+        if self.start_ns > end_ns:
+            length = (end_ns - begin_ns) / 1e9
             raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
-        self.playback = Playback(self.bag, list(chosen), start_ns + round(self.params.start * 1e9), self.params.rate)
+        self.latched = {name for name, info in chosen.items() if is_latched(info)}
+        self.messages = self._from_start(chosen)
+        self.next: Recorded | None = next(self.messages, None)
+        self.total, self.done = sum(info.count for info in chosen.values()), 0
+        self.origin: tuple[float, int] | None = None  # wall time and stamp that belong together
         self.outputs = {name: self._output(info) for name, info in chosen.items()}
         self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
         self.clock_told = 0.0
         self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
-        self.is_paused, self.begin_at = False, 0.0
-        self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
-        self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
+        self.begin_at = 0.0
         self.add_timer(PLAY_TICK, self._tick, is_wall=True)
 
     def activate(self) -> None:
         """Tell latched topics at once: late listeners still get them."""
-        for item in self.playback.latched():
-            self.outputs[item.topic].publish(item.message)
+        if self.latched:
+            for item in self.bag.raw(self.latched, end_ns=self.start_ns):  # they hold from the start on
+                self.outputs[item.topic].publish(item.message)
+
+    def progress(self, done: int, total: int) -> None:
+        """Show how many messages are played."""
 
     def cleanup(self) -> None:
         """Close the bag."""
@@ -109,16 +112,37 @@ class BagPlayer(ManagedNode):
     # --- playing
     def _tick(self) -> None:
         """Publish what is due."""
-        if self.is_paused or self._lacks_listeners():
-            self.playback.pause()
+        if self._lacks_listeners():
             return
         end = time.monotonic() + PLAY_BUSY
-        while time.monotonic() < end and (item := self.playback.take()) is not None:
+        while time.monotonic() < end and (item := self.take()) is not None:
             self._publish(item)
-            self.progress(self.playback.done, self.playback.total)
+            self.progress(self.done, self.total)
         self._tell_time()
-        if self.playback.next is None:
+        if self.next is None:
             self._end()
+
+    def _from_start(self, topics: Iterable[str]) -> Iterator[Recorded]:
+        for item in self.bag.raw(topics, self.start_ns):
+            if item.topic not in self.latched or item.stamp_ns > self.start_ns:
+                yield item
+
+    def take(self) -> Recorded | None:
+        """Return the next message if it is due, with rate 0 at once, and go on to the one after it."""
+        item = self.next
+        if item is not None and self.origin is None:
+            self.origin = time.monotonic(), item.stamp_ns
+        if item is None or item.stamp_ns > self.present_ns(item):
+            return None
+        self.done, self.next = self.done + 1, next(self.messages, None)
+        return item
+
+    def present_ns(self, following: Recorded) -> int:
+        """Return the time in the bag, never beyond the message that follows."""
+        if self.origin is None or not self.params.rate:
+            return following.stamp_ns
+        since, stamp_ns = self.origin
+        return min(stamp_ns + round((time.monotonic() - since) * self.params.rate * 1e9), following.stamp_ns)
 
     def _publish(self, item: Recorded) -> None:
         if self.clock is not None and self.params.rate == 0:
@@ -130,14 +154,14 @@ class BagPlayer(ManagedNode):
 
     def _tell_time(self) -> None:
         now = time.monotonic()
-        if self.clock is not None and self.playback.next is not None and now - self.clock_told >= CLOCK_PERIOD:
+        if self.clock is not None and self.next is not None and now - self.clock_told >= CLOCK_PERIOD:
             self.clock_told = now
-            self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
+            self.clock.publish(Clock(clock=ns_to_time(self.present_ns(self.next))))
 
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        self.report("player", WARN if absent else OK, text, done=self.playback.done, total=self.playback.total)
+        self.report("player", WARN if absent else OK, text, done=self.done, total=self.total)
         if absent:
             self.log.info(text, every=10.0)
             self.begin_at = time.monotonic() + SETTLE
@@ -145,16 +169,16 @@ class BagPlayer(ManagedNode):
         self.wait_for.clear()  # for the start only
         return time.monotonic() < self.begin_at
 
-    def _set_paused(self, is_paused: bool, response: Any) -> Any:
-        self.is_paused = is_paused
-        response.success, response.message = True, "paused" if is_paused else "playing"
-        return response
-
     def _end(self) -> None:
         for output in self.outputs.values():
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
-        self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
+        self.log.info(f"{self.params.bag}: {self.done} messages played")
         self.endpoints.finish(0)
+
+
+def is_latched(info: TopicInfo) -> bool:
+    """Return whether a topic was offered as transient local."""
+    return any(profile.durability == qos.TRANSIENT_LOCAL for profile in info.profiles)
 
 
 def main() -> int:

@@ -78,12 +78,10 @@ class BagReader:
         streams = [file.raw(names, start_ns, end_ns) for file in self.files]
         yield from heapq.merge(*streams, key=lambda item: item.stamp_ns)
 
-    def messages(
-        self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[Recorded]:
+    def messages(self, topics: Iterable[str] | None = None, end_ns: int | None = None) -> Iterator[Recorded]:
         """Yield messages in order of time; all topics, or those named."""
         kinds: dict[str, type[Any]] = {}
-        for topic, stamp, data in self.raw(topics, start_ns, end_ns):
+        for topic, stamp, data in self.raw(topics, end_ns=end_ns):
             if topic not in kinds:
                 kinds[topic] = self._class_of(topic)
             yield Recorded(topic, stamp, self.decode(topic, data, kinds[topic]))

@@ -59,7 +59,7 @@ class BagRecorder(ManagedNode):
         if not self.params.topics.split() and not self.params.topic_set:
             raise ValueError("topics, topic_set: expected something to record, found neither")
         self.ros = cast("LiveShell", self.endpoints)
-        self.bag = BagWriter(free_path(self.params.output), is_compressed=self.params.compressed)
+        self.bag = BagWriter(free_path(Path(self.params.output)), is_compressed=self.params.compressed)
         if self.bag.path != Path(self.params.output):
             self.log.warning(f"{self.params.output}: something is there already: this recording is {self.bag.path}")
         self.recorded: dict[str, Subscription] = {}
@@ -89,7 +89,7 @@ class BagRecorder(ManagedNode):
 
     def unfinished(self) -> str:
         """Return that the bag is not complete, and the command that rescues it."""
-        if not hasattr(self, "bag") or self.bag.is_complete:
+        if not hasattr(self, "bag") or not self.bag.partial.exists():
             return ""
         return f"{self.bag.partial}: not complete; '{self.bag.salvage_command}' keeps what is whole"
 

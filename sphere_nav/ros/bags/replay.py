@@ -33,7 +33,7 @@ from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.endpoints import Answer, Endpoints, GoalCalls, ThrottledLog
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.service import answer_always, one_line
+from sphere_nav.ros.service import Handler, answer_always, one_line
 from sphere_nav.ros.subscription import Subscription
 
 Node = TypeVar("Node", bound=ManagedNode)
@@ -69,7 +69,7 @@ class OfflineShell(Endpoints):
         self._bus, self._values, self._remap = bus, values, remap
         self.begin(ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9))
         self._node_name = name
-        self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
+        self.services: dict[str, tuple[type[Any], Handler]] = {}
         self.actions: dict[str, GoalCalls] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:
@@ -96,7 +96,7 @@ class OfflineShell(Endpoints):
         self._bus.profiles[self._name(topic)] = profile
         return OfflinePublisher(self._bus, self._name(topic))
 
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Handler) -> None:
         """Keep a service for `call`."""
         self.services[name.removeprefix("~/")] = (kind, answer_always(handler, name, self.log))
 

@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import TopicInfo
@@ -93,7 +94,7 @@ class Stream:
         return base_topic(self.topic)
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> Size:
         """Width and height in pixels."""
         return self.width, self.height
 

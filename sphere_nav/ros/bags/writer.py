@@ -62,7 +62,6 @@ class BagWriter:
         self._span: tuple[int, int] | None = None  # from the first stamp to the last
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
-        self.is_complete = False
 
     def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
         """Declare a topic (made absolute), its type and the QoS that its publishers offer.
@@ -121,9 +120,7 @@ class BagWriter:
         self._is_open = False
         with self._naming_the_file():
             self._finish()
-        self._refuse_to_overwrite(but_partial=True)
         self.partial.rename(self.path)
-        self.is_complete = True
         return self.path
 
     @property
@@ -174,10 +171,10 @@ class BagWriter:
             shutil.rmtree(self.partial, ignore_errors=True)
             raise
 
-    def _refuse_to_overwrite(self, *, but_partial: bool = False) -> None:
+    def _refuse_to_overwrite(self) -> None:
         if os.path.lexists(self.path):
             raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
-        if os.path.lexists(self.partial) and not but_partial:
+        if os.path.lexists(self.partial):
             what = "a run that is still writing, or the remains of one"
             raise BagError(f"{self.partial}: {what}: '{self.salvage_command}' rescues them, or delete it")
 
@@ -211,9 +208,8 @@ def absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def free_path(path: str | Path) -> Path:
+def free_path(first: Path) -> Path:
     """Return the path, or the first of `<path>_2`, `<path>_3`, ... at which there is no bag and no partial one."""
-    first = Path(path)
     paths = (first if number == 1 else first.with_name(f"{first.name}_{number}") for number in count(1))
     return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
 

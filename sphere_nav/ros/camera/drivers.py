@@ -30,7 +30,6 @@ class Driver:
     input: str  # one of INPUTS
     root: str
     topics: dict[str, str]  # our name -> the driver's, relative to root
-    encodings: dict[str, tuple[str, ...]]  # of images, by our name
 
     def names(self, root: str | None = None) -> dict[str, str]:
         """Return the driver's topic for each of ours, below its usual root or another."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, numbers, read_text, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, numbers, read_text, short, told_at
 from sphere_nav.geometry.plausible import check_mounting
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -37,10 +37,8 @@ def parse_mounting(values: object, what: str) -> SE3:
 
 
 def _from_file(path: Path, what: str) -> list[Any]:
-    try:
+    with told_at(what):
         content = load_yaml(path, read_text(path, "YAML file", MAX_FILE_BYTES))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{what}: {error}") from None
     if isinstance(content, dict):
         content = content.get(what, content)
     if not isinstance(content, dict) or set(content) != set(NAMES):

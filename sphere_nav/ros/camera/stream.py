@@ -27,6 +27,7 @@ from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.range_alignment import DepthImage
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
+ONE_CAMERA = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
 
 
@@ -175,15 +176,13 @@ class CameraStream:
         assert self.camera is not None
         assert self.T_base_camera is not None
         stamp = conversions.stamp_ns(message)
+        advice = ONE_CAMERA
         try:
             self._check_frames(message.header.frame_id)
-        except ValueError as error:
-            advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
-            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
-        try:
+            advice = ENCODINGS
             image = read_gray(message, (self.camera.width, self.camera.height), self._levels)
         except ValueError as error:
-            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
+            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
         odometry = self._odometry.predict(stamp)
         self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._name))
 

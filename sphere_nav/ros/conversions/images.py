@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry.arrays import Bytes, Floats, Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
@@ -84,9 +84,6 @@ def image_to_array(message: Image) -> NDArray[Any]:
 def array_to_image(pixels: NDArray[Any], stamp: int, frame_id: str, encoding: str) -> Image:
     """Return an Image; `pixels` (H, W) or (H, W, channels) of the type that `encoding` names, stamp in ns."""
     kind, channels = ENCODINGS[encoding]
-    shape = pixels.shape[2] if pixels.ndim == 3 else 1
-    if pixels.dtype != kind or pixels.ndim not in (2, 3) or shape != channels:
-        raise ValueError(f"{encoding}: expected {channels} x {np.dtype(kind)}, found {pixels.shape} {pixels.dtype}")
     height, width = pixels.shape[:2]
     return Image(
         header=header(stamp, frame_id),
@@ -113,7 +110,7 @@ class Levels:
 def image_to_rgb(
     message: AnyImage,
     levels: Levels | None = None,
-    size: tuple[int, int] | None = None,
+    size: Size | None = None,
     size_name: str = "camera_info",
 ) -> Bytes:
     """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; `levels` of its stream, else of this image alone.

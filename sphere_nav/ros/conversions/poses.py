@@ -111,9 +111,9 @@ def with_covariance(T_frame_body: SE3, covariance: ArrayLike) -> PoseWithCovaria
     return PoseWithCovariance(pose=se3_to_pose(T_frame_body), covariance=to_ros_covariance(covariance, T_frame_body))
 
 
-def and_covariance(message: PoseWithCovariance, name: str = "pose") -> tuple[SE3, Array]:
+def and_covariance(message: PoseWithCovariance) -> tuple[SE3, Array]:
     """Return T_frame_body and its local covariance (6, 6)."""
-    T_frame_body = pose_to_se3(message.pose, name)
+    T_frame_body = pose_to_se3(message.pose)
     return T_frame_body, from_ros_covariance(message.covariance, T_frame_body)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.files.encoded import decode_file
 from sphere_nav.geometry.files.limits import LIMITS
@@ -55,10 +55,13 @@ def message_to_sphere(message: AugmentedSphere, *, is_gray: bool = False) -> Sph
     camera = sphere_info_to_camera(message.info)
     shape = (camera.height, camera.width)
     image = _decode_image(message.image, message.image_encoding, shape, is_gray=is_gray)
-    range_m = _decode_range(message.range, message.range_encoding, shape)
-    if is_gray:
-        return Sphere(image, range_m, camera, stamp_ns(message))
-    deviation = _decode_deviation(message, range_m) if message.range_deviation_encoding else None
+    range_m, deviation = np.full(shape, np.nan, np.float32), None
+    if message.range_encoding:
+        codes = _decode_plane(message, "range", AugmentedSphere.RANGE_LOG16, "<u2", shape)
+        range_m = range_codec.decode_ranges(codes.astype(np.uint16, copy=False))
+    if message.range_deviation_encoding and not is_gray:
+        codes = _decode_plane(message, "range_deviation", AugmentedSphere.RATIO8, "u1", shape)
+        deviation = range_codec.decode_deviation(codes, range_m)
     return Sphere(image, range_m, camera, stamp_ns(message), deviation)
 
 
@@ -104,25 +107,13 @@ def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: 
     return image if raw.flags.writeable else image.copy()
 
 
-def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> Floats:
-    if not encoding:
-        return np.full(shape, np.nan, np.float32)
-    _check_encoding("range", encoding, AugmentedSphere.RANGE_LOG16)
-    return range_codec.decode_ranges(_decode_codes(data, shape, "<u2", "range").astype(np.uint16, copy=False))
-
-
-def _decode_deviation(message: AugmentedSphere, range_m: Floats) -> Floats:
-    name, shape = "range_deviation", (range_m.shape[0], range_m.shape[1])
-    _check_encoding(name, message.range_deviation_encoding, AugmentedSphere.RATIO8)
-    return range_codec.decode_deviation(_decode_codes(message.range_deviation, shape, "u1", name), range_m)
-
-
-def _check_encoding(name: str, found: str, expected: str) -> None:
-    if found != expected:
-        raise ValueError(f"{name}_encoding: expected {expected}, found {found!r}")
-
-
-def _decode_codes(data: Any, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:
+def _decode_plane(
+    message: AugmentedSphere, name: str, expected: str, dtype: str, shape: tuple[int, int]
+) -> NDArray[Any]:
+    """Return the codes (H, W) of the field of a name; ValueError for another encoding or size."""
+    data, encoding = getattr(message, name), getattr(message, f"{name}_encoding")
+    if encoding != expected:
+        raise ValueError(f"{name}_encoding: expected {expected}, found {encoding!r}")
     _check_bytes(len(data), math.prod(shape) * np.dtype(dtype).itemsize, name)
     return np.frombuffer(data, dtype).reshape(shape)
 

@@ -33,7 +33,7 @@ from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import SphereGraph
 
 
-def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:
+def verify_map(path: Path, progress: Progress = lambda step: None) -> list[str]:
     """Read all that is in a map; return the problems, one a line. BagError if it cannot be opened."""
     problems = []
     with open_map(path) as reader:
@@ -55,9 +55,8 @@ def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list
     return problems
 
 
-def salvage_map(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
+def salvage_map(source: Path, target: Path, progress: Progress = lambda step: None) -> int:
     """Make a map of the last graph that a damaged one has and of the spheres that are whole; return their number."""
-    source = Path(source)
     file = source / FILE_NAME if source.is_dir() else source
     last: dict[str, Any] = {}
     experiences: list[MapExperience] = []
@@ -84,7 +83,7 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     parameters = load_yaml(file, info.parameters)
     details = MapDetails(told.map_id, told.software, info.source, parameters, info.rig, told.header.frame_id)
     spheres = (message for topic, message in _readable(file) if topic == SPHERE)
-    write_stored(Path(target), graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
+    write_stored(target, graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
     return len(kept)
 
 

@@ -19,7 +19,6 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
 from sphere_nav.ros.bags.mcap_file import McapFile, read_message
 from sphere_nav.ros.bags.reader import BagReader
@@ -128,8 +127,6 @@ class MapReader(BagReader):
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
             raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
-        if info.num_spheres > (most := LIMITS["map"]):
-            raise BagError(f"{self.path}: num_spheres: expected at most {most}, found {info.num_spheres}")
         return info
 
     def _read_graph(self) -> SphereGraph:
@@ -166,15 +163,12 @@ class MapReader(BagReader):
             raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
         return dict(zip(ids, chunks, strict=True))
 
-    def _chunk_of(self, sphere_id: int) -> ChunkIndex:
-        index = self._chunks.get(sphere_id)
-        if index is None:
-            found = f"expected one of the map's {len(self.graph)}, found none"
-            raise BagError(f"{self.path}: key sphere {sphere_id}: {found}")
-        return index
-
     def _data_of(self, sphere_id: int) -> memoryview:
         """Return the bytes of the message of a key sphere."""
-        place = self._chunk_of(sphere_id).chunk_start_offset
+        if sphere_id not in self._chunks:
+            raise BagError(
+                f"{self.path}: key sphere {sphere_id}: expected one of the map's {len(self.graph)}, found none"
+            )
+        place = self._chunks[sphere_id].chunk_start_offset
         with told_at(f"{self.path}: chunk at byte {place}", BagError):
             return read_message(self.files[0].stream, place)

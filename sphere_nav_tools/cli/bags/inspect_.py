@@ -12,11 +12,10 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import find_offer
-from sphere_nav_tools.offline.settings import FileAction, add_overwrite
+from sphere_nav_tools.offline.settings import FileAction, add, add_overwrite
 from sphere_nav_tools.offline.tables import columns, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 

@@ -6,9 +6,8 @@ import argparse
 
 from sphere_nav.params import leaves
 from sphere_nav.ros.bags.player_node import BagPlayer, PlayerParams
-from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.run import run as run_node
-from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.offline.settings import add, flag
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\
@@ -41,11 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     values = {name: " ".join(value) if isinstance(value, list) else value for name, value in given.items()}
     with progress("play", "message") as bar:
 
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+        class ShownPlayer(BagPlayer):
+            def progress(self, done: int, total: int) -> None:
+                bar.total = total
+                bar.update(done - bar.n)
 
-        def prepare(node: ManagedNode) -> None:
-            node.progress = show  # type: ignore[attr-defined]
-
-        return run_node(BagPlayer, [], values=values, prepare=prepare)
+        return run_node(ShownPlayer, [], values=values)

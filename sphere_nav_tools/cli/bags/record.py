@@ -6,7 +6,7 @@ import argparse
 
 from sphere_nav.ros.bags.recorder_node import SETS, BagRecorder
 from sphere_nav.ros.run import run as run_node
-from sphere_nav_tools.cli.arguments import add, choose, flag
+from sphere_nav_tools.offline.settings import add, choose, flag
 
 HELP = """\
 Record topics into a rosbag2 MCAP bag until Ctrl-C. At most the last second is lost if the process is killed.

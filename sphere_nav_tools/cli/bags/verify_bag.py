@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from sphere_nav.ros.bags import BagReader, salvage, verify_bag
-from sphere_nav_tools.cli.arguments import add
+from sphere_nav_tools.offline.settings import add
 from sphere_nav_tools.offline.tables import columns, progress
 
 HELP = """\

@@ -12,13 +12,14 @@ from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.params import build
+from sphere_nav.ros.bags.writer import free_path
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, plot_top_view
 from sphere_nav_tools.cli.demo.watch import WatchedDrive
 from sphere_nav_tools.offline.evaluation import alignment_of
+from sphere_nav_tools.offline.settings import add, choose, flag
 from sphere_nav_tools.offline.tables import facts_as_lines, write_json
 
 HELP = """\
@@ -188,8 +189,6 @@ def verdict(result: dict[str, Any]) -> str:
 def new_folder(wanted: Path) -> Path:
     """Make the output folder; one that is there is kept under the next free number."""
     if wanted.exists():
-        others = (wanted.with_name(f"{wanted.name}.{number}") for number in range(1, 10_000))
-        kept = wanted.rename(next(other for other in others if not other.exists()))
-        print(f"the last result is kept as {kept}")
+        print(f"the last result is kept as {wanted.rename(free_path(wanted))}")
     wanted.mkdir(parents=True)
     return wanted

@@ -5,12 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sphere_mapping.ros.intake import TOPICS
-from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.settings import FileAction, add_overwrite, add_settings, read_count
-from sphere_nav_tools.offline.topic_finder import CAMERAS
+from sphere_nav_tools.offline.settings import FileAction, add, add_overwrite, add_settings, choose, flag, read_count
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
@@ -63,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "first",
     )
     add(parser, "--rig", "F", "rig file, for a bag with the cameras of a rig", Path)
-    choose(parser, "--input", ("auto", *TOPICS, CAMERAS), "what is mapped (by the topics)", "auto")
     topics.add_options(parser)
     flag(parser, "--no-loops", "do not look for places seen twice")
     add(parser, "--jobs", "N", "processes that stitch and verify loops (%(default)s)", read_count, default=1)

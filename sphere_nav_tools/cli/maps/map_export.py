@@ -10,10 +10,9 @@ from sphere_mapping.graph.graph_file import write_g2o
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.maps.reader import MapReader, open_map
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.map_points import Datum, cloud_of, geojson, write_ply
 from sphere_nav_tools.offline.pose_bags import trajectory_of
-from sphere_nav_tools.offline.settings import add_output
+from sphere_nav_tools.offline.settings import add, add_output
 from sphere_nav_tools.offline.tables import progress
 
 Writer = Callable[[MapReader, Path, argparse.Namespace], str]

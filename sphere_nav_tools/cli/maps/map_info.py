@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
-from sphere_nav_tools.cli.arguments import add, flag
+from sphere_nav_tools.offline.settings import add, flag
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 HELP = """\
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
 def map_facts(reader: MapReader) -> dict[str, Any]:
     """Return the facts about a map by name."""
     graph, info = reader.graph, reader.info
-    nodes = sorted(graph, key=lambda node: node.id)
+    nodes = list(graph)
     positions = np.array([node.T_map_sphere.translation for node in nodes])
     sphere = reader.load_sphere(nodes[0].id)
     shared = Counter(map(len, find_places(graph, is_whole=sphere.camera.is_whole).values()))
@@ -70,11 +70,8 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "last_stamp_s": nodes[-1].stamp_ns / 1e9,
         "sphere_size": [sphere.camera.width, sphere.camera.height],
         "whole_sphere": bool(sphere.camera.is_whole),
-        "pixels_per_degree": float(np.radians(sphere.camera.pixels_per_radian)),
         "measured_share": float(sphere.measured.mean()),
         "megabytes": size / 1e6,
-        "megabytes_per_sphere": size / 1e6 / len(graph),
-        "megabytes_per_metre": size / 1e6 / info.length if info.length > 0 else None,
         "rig": bool(info.rig),
         "places_by_experiences": {str(number): count for number, count in sorted(shared.items())},
         "experiences": [describe_experience(*item) for item in split_by_experience(graph).items()],

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from dense_localizer.params import DenseLocalizerParams
 from sphere_nav.params import build
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.offline.lessons import learn_map
-from sphere_nav_tools.offline.settings import add_settings
+from sphere_nav_tools.offline.settings import add, add_settings
 
 HELP = """\
 Learn from the drives that the localiser has kept beside a map (its parameter learn): a drive that the map explained

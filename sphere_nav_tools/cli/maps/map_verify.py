@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.arguments import add
+from sphere_nav_tools.offline.settings import add
 from sphere_nav_tools.offline.tables import progress
 
 HELP = """\

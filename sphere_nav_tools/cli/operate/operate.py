@@ -10,11 +10,11 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.arguments import add, flag
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import OperatorPage
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
+from sphere_nav_tools.offline.settings import add, flag
 
 HELP = """\
 Serve a page in a web browser: teach a drive, make its map, choose a path or a place and go, pause, stop, and see on the

@@ -71,8 +71,6 @@ class Page(WebPage):
         changed = threading.Event()
         client.camera.on_update(lambda _: changed.set())
         client.gui.add_markdown(KEYS)
-        target = client.gui.add_number("key sphere", 0, min=0, max=max(self._graph.nodes), step=1)
-        client.gui.add_button("go there").on_click(lambda _: go_to(int(target.value)))
         looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
         look = client.gui.add_dropdown("experience", tuple(looks), str(self._first or ANY_LOOK))
         look.visible = len(looks) > 2
@@ -80,10 +78,6 @@ class Page(WebPage):
         text = client.gui.add_markdown("")
         client.gui.add_button("back to the start").on_click(lambda _: put(client, self._start))
         shot = client.gui.add_button("screenshot")
-
-        def go_to(sphere_id: int) -> None:
-            if sphere_id in self._graph.nodes:
-                put(client, self._graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL)
 
         def draw(is_still: bool) -> bool:
             """Draw a small view while the camera moves, its holes filled when it stands; whether it is whole."""

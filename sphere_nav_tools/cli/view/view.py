@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.arrays import Size
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.arguments import add
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, centred_camera, encoded, shown
 from sphere_nav_tools.offline.settings import (
     FileAction,
+    add,
     add_overwrite,
     floats,
-    read_positive,
     read_size,
 )
 
@@ -44,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add(parser, "map", "MAP", "map made by `sphere_nav map`", Path)
     gate.add_options(parser, "view")
-    add(parser, "--memory", "MB", "of kept spheres (%(default)g)", read_positive, default=500.0)
     expected = "x,y,z,yaw[,pitch,roll]"
     begin = parser.add_mutually_exclusive_group()
     add(begin, "--pose", expected, "where to begin, m and degrees", floats(expected, 4, 6))
@@ -61,7 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Write one view, or serve until interrupted."""
     with open_map(arguments.map) as reader:
         start = first_pose(reader, arguments)
-        with closing(Scene(reader, arguments.memory)) as scene:
+        with closing(Scene(reader)) as scene:
             experience = find_experience(scene, arguments.experience)
             if arguments.screenshot:
                 write_view(scene, start, experience, arguments)
@@ -91,7 +90,7 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
     return known[name]
 
 
-def camera_for(size: tuple[int, int], fov_deg: float) -> Pinhole:
+def camera_for(size: Size, fov_deg: float) -> Pinhole:
     """Return a pinhole camera of a size and a horizontal field of view; ValueError for others."""
     if not 1.0 <= fov_deg <= 150.0:
         raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,22 @@ from sphere_nav.geometry.files.untrusted import (
     MAX_NUMBER,
     MAX_TABLE_BYTES,
     number,
-    numbers,
     printable,
     read_text,
-    required,
     short,
     told_at,
 )
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
 
 
-def require_size(where: Path | str, pixels: NDArray[Any], camera: Camera) -> None:
+@dataclass(frozen=True)
+class Matrix:
+    """A matrix as OpenCV writes it, row by row."""
+
+    data: tuple[float, ...]
+
+
+def require_size(where: object, pixels: NDArray[Any], camera: Camera) -> None:
     """Raise ValueError where an image is not of the size of its camera."""
     if pixels.shape[1::-1] != (camera.width, camera.height):
         found = f"found {pixels.shape[1]} x {pixels.shape[0]}"
@@ -139,11 +145,6 @@ def trajectory(stamps: NDArray[np.int64], poses: SE3, path: Path) -> Trajectory:
         raise ValueError(f"{path}: expected true poses, found none")
     with told_at(path):
         return Trajectory(stamps, poses)
-
-
-def matrix_data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
-    """Return the numbers of an OpenCV matrix."""
-    return numbers(required(found, where, ["data"])["data"], where, count)
 
 
 def require_folder(path: Path) -> Path:

@@ -78,7 +78,7 @@ class Folder:
         if self.stamps is not None and any(np.diff(self.stamps) <= 0):
             raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
 
-    def where(self, index: int) -> Path | str:
+    def where(self, index: int) -> object:
         """Return what an image is called in errors."""
         return self.files[index]
 
@@ -100,7 +100,7 @@ class Video:
         self.hz = float(np.nan_to_num(self._capture.get(cv2.CAP_PROP_FPS), posinf=0.0))
         self._next = 0
 
-    def where(self, index: int) -> Path | str:
+    def where(self, index: int) -> object:
         """Return what an image is called in errors."""
         return f"{self.path}: image {index}"
 

@@ -157,7 +157,7 @@ def _read_panorama(frames: Frames, number: int) -> Bytes:
     return image
 
 
-def check_panorama(where: Path | str, width: int, height: int) -> None:
+def check_panorama(where: object, width: int, height: int) -> None:
     """Raise ValueError for an image that is no whole sphere."""
     if width != 2 * height:
         found = f"found {width} x {height}: export it as equirectangular"

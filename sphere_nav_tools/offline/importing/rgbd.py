@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ from sphere_mapping.acquisition.partial.depth_registration import DepthRegistrat
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Floats
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, required
+from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_as, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
 from sphere_nav_tools.offline.importing.files import (
-    matrix_data,
+    Matrix,
     pose_of_matrix,
     pose_of_row,
     read_meters,
@@ -42,6 +42,31 @@ KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
 ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
 Listed = list[tuple[int, Path]]  # stamps and files
+
+
+@dataclass(frozen=True)
+class _Intrinsics:
+    data: tuple[float, float, float, float]  # fx, cx, fy, cy
+
+
+@dataclass(frozen=True)
+class _Sensor:
+    width: int
+    height: int
+    intrinsics: _Intrinsics
+    distortion_coefficients: Matrix | None = None
+
+
+@dataclass(frozen=True)
+class _Frame:
+    parent_frame: str
+    child_frame: str
+    matrix: Matrix
+
+
+@dataclass(frozen=True)
+class _Frames:
+    trans_matrix: tuple[_Frame, ...]
 
 
 def open_seven_scenes(
@@ -97,17 +122,15 @@ def open_openloris(folder: Path) -> Recording:
     """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
     colors, depths = (_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
     path = folder / "sensors.yaml"
-    fields = ("width", "height", "intrinsics")
-    values = required(required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}", fields)
-    fx, cx, fy, cy = matrix_data(values["intrinsics"], f"{path}: intrinsics", 4)
-    found = values.get("distortion_coefficients")
-    distortion = () if found is None else matrix_data(found, f"{path}: distortion")
-    width, height = (int(number(values[name], f"{path}: {name}")) for name in ("width", "height"))
+    found: _Sensor = read_as(_Sensor, required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}")
+    fx, cx, fy, cy = found.intrinsics.data
+    distortion = found.distortion_coefficients.data if found.distortion_coefficients else ()
+    camera = Pinhole(found.width, found.height, fx, fy, cx, cy, distortion)
     T_base_optical, truth = _mounting(folder / "trans_matrix.yaml"), None
     if (folder / "groundtruth.txt").is_file():
         base = read_tum(folder / "groundtruth.txt")
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
-    recording = _rgbd(folder, colors, depths, Pinhole(width, height, fx, fy, cx, cy, distortion), 1000.0)
+    recording = _rgbd(folder, colors, depths, camera, 1000.0)
     recording = replace(recording, T_base_link=T_base_optical @ T_BODY_OPTICAL.inverse())
     return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
@@ -146,15 +169,14 @@ def _rgbd(
 
 def _mounting(path: Path) -> SE3:
     """Return T_base_optical of the colour camera from a list of parent_frame, child_frame and matrix."""
-    found = required(load_opencv(path), str(path), ["trans_matrix"])["trans_matrix"]
-    rows = [required(row, f"{path}: trans_matrix", ("parent_frame", "child_frame", "matrix")) for row in found or ()]
-    above, frame, T_frame_optical = {row["child_frame"]: row for row in rows}, D435, SE3.identity()
+    found: _Frames = read_as(_Frames, load_opencv(path), str(path))
+    above, frame, T_frame_optical = {row.child_frame: row for row in found.trans_matrix}, D435, SE3.identity()
     while frame != "base_link":
         row = above.pop(frame, None)  # each once: a ring of frames ends, too
         if row is None:
             raise ValueError(f"{path}: expected a way from {D435} to base_link, found none from {frame}")
-        T_frame_optical = pose_of_matrix(matrix_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
-        frame = str(row["parent_frame"])
+        T_frame_optical = pose_of_matrix(row.matrix.data, path) @ T_frame_optical
+        frame = row.parent_frame
     return T_frame_optical
 
 

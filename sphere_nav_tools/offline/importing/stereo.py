@@ -6,6 +6,7 @@ Cameras that are not rectified have lenses and poses of their own, told by `came
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,13 @@ from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required, told_at
+from sphere_nav.geometry.files.untrusted import choice, number, read_as, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, MAX_PAIR_GAP_NS
 from sphere_nav_tools.offline.importing.files import (
-    matrix_data,
+    Matrix,
     pose_of_matrix,
     pose_of_row,
     read_image,
@@ -54,6 +55,15 @@ MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between t
 MUNICH = (48.14, 11.58, 520.0)
 
 
+@dataclass(frozen=True)
+class _AslCamera:
+    T_BS: Matrix
+    resolution: Size
+    intrinsics: tuple[float, float, float, float]
+    distortion_model: str
+    distortion_coefficients: tuple[float, float, float, float]
+
+
 def open_kitti(folder: Path) -> Recording:
     """Open a sequence: calib.txt, two folders of images, and times.txt and poses.txt where they are there."""
     require_folder(folder)
@@ -72,8 +82,7 @@ def open_kitti(folder: Path) -> Recording:
     times, poses = (_optional(folder / name, n, rows) for name, n in (("times.txt", 1), ("poses.txt", 12)))
     seconds = np.array(rows) / DEFAULT_HZ if times is None else times[:, 0]
     stamps = [FIRST_STAMP_NS + round(float(second) * 1e9) for second in seconds]
-    listed = list(zip(stamps, images, strict=True))
-    pair = [Folder(at, [(stamp, at / path.name) for stamp, path in listed]) for at in folders]
+    pair = [Folder(at, [(stamp, at / path.name) for stamp, path in zip(stamps, images, strict=True)]) for at in folders]
     views = pair_views(pair, (camera, camera), SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
     recording = camera_recording(views, max_gap_ns=MAX_PAIR_GAP_NS)
     if poses is None:
@@ -138,15 +147,11 @@ def _optional(path: Path, columns: int, rows: list[int]) -> Array | None:
 
 def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     """Return the camera of a sensor.yaml and its pose T_body_camera, optical axes."""
-    names = ("T_BS", "resolution", "intrinsics", "distortion_model", "distortion_coefficients")
-    values = required(load_opencv(path), str(path), names)
-    width, height = (round(value) for value in numbers(values["resolution"], f"{path}: resolution", 2))
-    fx, fy, cx, cy = numbers(values["intrinsics"], f"{path}: intrinsics", 4)
-    k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
-    model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
-    matrix = matrix_data(values["T_BS"], f"{path}: T_BS", 16)
+    found: _AslCamera = read_as(_AslCamera, load_opencv(path), str(path))
+    model = MODELS[choice(found.distortion_model, f"{path}: distortion_model", MODELS)]
     with told_at(path):
-        return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
+        camera = model(*found.resolution, *found.intrinsics, found.distortion_coefficients)
+    return camera, pose_of_matrix(found.T_BS.data, path)
 
 
 def _asl_truth(path: Path, T_body_left: SE3) -> Trajectory:

@@ -50,10 +50,9 @@ def extend(
     """
     known = Submap(base.graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
-    for part in (known, drive):  # what nobody has looked at yet
-        for node in part.graph:
-            if node.id not in part.index.features:
-                part.index.add(node.id, features_of_sphere(part.load(node.id)))
+    for node in drive.graph:
+        if node.id not in drive.index.features:  # nobody has looked at it yet
+            drive.index.add(node.id, features_of_sphere(drive.load(node.id)))
     new = locator.unexplained(mapper)
     joined = join_drive(known, drive, locator.images(mapper), T_map_start, run)
     if joined.graph is None:

@@ -25,12 +25,9 @@ def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     build(SphereMapperParams, values)  # refused before anything is read
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag) as bag:
-        finder, kind = TopicFinder.of(bag, arguments), arguments.input
+        finder = TopicFinder.of(bag, arguments)
+        kind, choice = finder.find_source(values, has_rig=arguments.rig is not None)
         imu, stitcher, pair, stereo = finder.imu, None, None, ""
-        if kind == "auto":
-            kind, choice = finder.find_source(values, has_rig=arguments.rig is not None)
-        elif kind != CAMERAS:
-            choice = finder.find(TOPICS[kind])
         if kind == CAMERAS:
             stitcher, remap, values = stitcher_values(finder, arguments), imu, values | {"input": "sphere"}
         else:

@@ -54,7 +54,7 @@ def test_frames_that_are_unknown_unconnected_or_of_two_parents_are_refused(tree)
         tree.lookup("map", "lidar")
     with pytest.raises(ValueError, match="camera: expected parent base_link, found a second one, map"):
         tree.add(se3_to_transform(SE3.identity(), 0, "map", "camera"))
-    with pytest.raises(ValueError, match="expected two frames"):
+    with pytest.raises(ValueError, match="expected no loop"):
         tree.add(se3_to_transform(SE3.identity(), 0, "map", "map"))
 
 
@@ -151,7 +151,7 @@ def test_a_change_of_parent_is_reported_and_a_second_parent_that_moves_is_refuse
         teller.moving.publish(TFMessage(transforms=[edge(parent, "base_link", 1.0)["message"]]))
     list(bus.settle())
     change = "transform: camera: parent base_link is replaced by mast"
-    assert hearer.reports["tf parents"] == (WARN, change, {"changes": 1})
+    assert hearer.reports["tf parents"] == (WARN, change, {})
     assert hearer.inputs[0].last_refusal == "transform: base_link: expected parent odom, found a second one, wrong"
     assert [wanted.num_refused for wanted in hearer.inputs] == [1, 0]
     assert hearer.tf.lookup("mast", "camera").distance(SE3.identity()) == (0.0, 0.0)

@@ -10,9 +10,8 @@ import pytest
 
 from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli import warm_up
-from sphere_nav_tools.cli.arguments import add, choose, flag
 from sphere_nav_tools.cli.main import COMMANDS, main
-from sphere_nav_tools.offline.settings import FileAction, add_output, add_settings
+from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings, choose, flag
 
 
 @pytest.fixture

@@ -222,7 +222,7 @@ def streams_of(driver, root=None):
         side = ours.split("/")[0]
         has_own = side in ("left", "right") or (side == "depth" and "depth/camera_info" in driver.topics)
         kind = CAMERA_INFO if ours.endswith("camera_info") else IMAGE if ours.endswith("image_raw") else "other"
-        encoding = driver.encodings.get(ours, ("",))[0]
+        encoding = "" if kind != IMAGE else "16UC1" if side == "depth" else "mono8" if "infra" in topic else "rgb8"
         yield Stream(f"/{topic}", kind, 10, 30.0, side if has_own else "optical", 640, 480, encoding)
 
 

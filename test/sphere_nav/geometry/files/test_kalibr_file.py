@@ -5,7 +5,8 @@ import pytest
 import yaml
 
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole
-from sphere_nav.geometry.files.kalibr_file import read_kalibr
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+from sphere_nav.geometry.files.foreign_rig import read_foreign_rig
 from worlds.foreign import refusal
 
 CAMERAS = (
@@ -47,17 +48,18 @@ def path(tmp_path):
 def test_what_kalibr_writes_is_read(path):
     for ways in [{}, {"with_imu": False}, {"with_chain": False}]:
         path.write_text(yaml.safe_dump(camchain(**ways)))
-        found = read_kalibr(path)
-        assert found.cameras == CAMERAS
-        assert found.is_by_imu == ways.get("with_imu", True)
-        for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
-            expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
-            np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
+        is_by_imu = ways.get("with_imu", True)
+        found = read_foreign_rig([path], "imu" if is_by_imu else "camera")
+        for mine, camera, theirs in zip(found.cameras, CAMERAS, POSES, strict=True):
+            expected = theirs if is_by_imu else T_BODY_OPTICAL @ POSES[0].inverse() @ theirs
+            assert mine.camera == camera
+            np.testing.assert_allclose(mine.T_rig_camera.matrix, expected.matrix, atol=1e-12)
     values = camchain(with_chain=False)  # and poses of the cameras in the IMU
     for entry in values.values():
         entry["T_imu_cam"] = np.linalg.inv(entry.pop("T_cam_imu")).tolist()
     path.write_text(yaml.safe_dump(values))
-    np.testing.assert_allclose(read_kalibr(path).T_origin_camera[3].matrix, POSES[3].matrix, atol=1e-9)
+    last = read_foreign_rig([path], "imu").cameras[3]
+    np.testing.assert_allclose(last.T_rig_camera.matrix, POSES[3].matrix, atol=1e-9)
 
 
 CAMCHAIN_OMNI = """\
@@ -76,7 +78,8 @@ def test_kalibrs_omni_is_meis_camera(path):
     for distortion in [(), (-0.27, 0.11, -1e-3, 2e-3)]:
         words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
         path.write_text(CAMCHAIN_OMNI.format(*words))
-        assert read_kalibr(path).cameras == (Omni(752, 480, 833.0, 830.0, 373.0, 253.0, 0.9, distortion),)
+        (found,) = read_foreign_rig([path]).cameras
+        assert found.camera == Omni(752, 480, 833.0, 830.0, 373.0, 253.0, 0.9, distortion)
 
 
 def put(name, field, value):
@@ -93,7 +96,7 @@ TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1]).matrix.tolist()
 DEFECTS = [
     (put("cam1", "camera_model", "eucm"), "cam1.camera_model: expected pinhole with radtan"),
     (put("cam0", "distortion_coeffs", [0.1]), "cam0.distortion_coeffs: expected 4 numbers, found 1"),
-    (put("cam0", "resolution", 752), "cam0.resolution: expected [width, height], found 752"),
+    (put("cam0", "resolution", 752), "cam0.resolution: expected list, found 752"),
     (put("cam2", "T_cam_imu", TURNED), "cam2.T_cam_imu: expected what T_cn_cnm1 and the camera"),
     (lambda v: v.pop("cam1"), "camchain: expected cam0 to cam2, found cam0, cam2, cam3"),
     (put("cam0", "distortion_model", "fov"), "cam0.distortion_model: expected pinhole with"),
@@ -108,4 +111,4 @@ def test_a_defect_is_one_line_with_its_place(path):
         values = camchain()
         change(values)
         path.write_text(yaml.safe_dump(values))
-        assert expected in refusal(read_kalibr, path)
+        assert expected in refusal(lambda path: read_foreign_rig([path]), path)

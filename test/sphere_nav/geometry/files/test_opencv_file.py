@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
-from sphere_nav.geometry.files.opencv_file import read_opencv
-from worlds.foreign import read_foreign, refusal
+from sphere_nav.geometry.files.foreign_rig import read_foreign_rig
+from worlds.foreign import refusal
 
 MAX_SKEW = 1e-6  # written out: imported, a change would go unseen
 
@@ -27,8 +27,8 @@ def store(path, **values):
 def test_one_fisheye(tmp_path):
     more = {"camera_matrix": K, "distortion_coefficients": D[:, :4]}
     path = store(tmp_path / "a.yml", fisheye_model=1, image_width=640, image_height=480, **more)
-    assert read_foreign([path]).cameras[0].camera == Fisheye(640, 480, 535.9, 536.2, 342.3, 235.6, tuple(D[0, :4]))
-    assert isinstance(read_foreign([path], model="pinhole").cameras[0].camera, Pinhole)
+    assert read_foreign_rig([path]).cameras[0].camera == Fisheye(640, 480, 535.9, 536.2, 342.3, 235.6, tuple(D[0, :4]))
+    assert isinstance(read_foreign_rig([path], model="pinhole").cameras[0].camera, Pinhole)
 
 
 def test_a_camera_info_file_of_ros(tmp_path):
@@ -42,7 +42,7 @@ def test_a_camera_info_file_of_ros(tmp_path):
     matrix = "{rows: 3, cols: 3, data: [500, 0, 320, 0, 501, 240, 0, 0, 1]}"
     for other in (matrix, "[[500, 0, 320], [0, 501, 240], [0, 0, 1]]"):
         path.write_text(text.replace(matrix, other, 1))
-        rig = read_foreign([path])
+        rig = read_foreign_rig([path])
         assert rig.names == ("head_left",)
         assert rig.cameras[0].camera == Fisheye(640, 480, 500.0, 501.0, 320.0, 240.0, (0.1, 0.02, 1e-5, 0.0))
     for other, expected in (
@@ -52,14 +52,14 @@ def test_a_camera_info_file_of_ros(tmp_path):
     ):
         path.write_text(text.replace(matrix, other, 1))
         with pytest.raises(ValueError, match=expected):
-            read_foreign([path])
+            read_foreign_rig([path])
 
 
 def test_a_stereo_pair_of_two_files_stands_as_opencv_says(tmp_path):
     intrinsics = store(tmp_path / "intrinsics.yml", M1=K, D1=D, M2=K2, D2=D)
     R, t = T_RIGHT_LEFT.rotation, T_RIGHT_LEFT.translation.reshape(3, 1)
     extrinsics = store(tmp_path / "extrinsics.yml", R=R, T=1000.0 * t, R1=np.eye(3), Q=np.eye(4))
-    rig = read_foreign([intrinsics, extrinsics], image_size=(640, 480), unit_m=0.001)
+    rig = read_foreign_rig([intrinsics, extrinsics], image_size=(640, 480), unit_m=0.001)
     left, right = (part.T_rig_camera for part in rig.cameras)
     np.testing.assert_allclose((right.inverse() @ left).matrix, T_RIGHT_LEFT.matrix, atol=1e-12)
     assert right.translation[1] < -0.1  # the right camera is to the right: y points left
@@ -76,11 +76,11 @@ def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
             matrix = K.copy()
             matrix[row, column] = sign * limit
             path = store(tmp_path / "a.yml", **GOOD | {"camera_matrix": matrix})
-            assert read_foreign([path]).cameras[0].camera.fx == K[0, 0]
+            assert read_foreign_rig([path]).cameras[0].camera.fx == K[0, 0]
             matrix[row, column] = sign * (limit + 1e-7)
             path = store(tmp_path / "a.yml", **GOOD | {"camera_matrix": matrix})
             with pytest.raises(ValueError, match=r"cameramatrix: expected \[fx 0 cx"):
-                read_foreign([path])
+                read_foreign_rig([path])
 
 
 SIZED = {"image_width": 640, "image_height": 480}
@@ -102,4 +102,4 @@ DEFECTS = [
 def test_a_defect_is_one_line_with_its_place(tmp_path):
     for values, expected in DEFECTS:
         path = store(tmp_path / "a.yml", **values)
-        assert expected in refusal(lambda path: read_opencv([path], None, None, 1.0), path)
+        assert expected in refusal(lambda path: read_foreign_rig([path]), path)

@@ -54,13 +54,9 @@ def test_what_is_written_is_read_back_and_a_mask_moves_with_the_folder(rig, path
     assert str(path.parent) not in path.read_text()
 
 
-def test_a_file_is_not_overwritten_unless_told_and_a_panorama_is_no_camera_of_it(rig, path, tmp_path):
-    with pytest.raises(ValueError, match=r"rig\.yaml: expected no such file, found one"):
-        write_rig(path, rig)
-    write_rig(path, rig, is_overwriting=True)
+def test_a_file_is_written_whole(rig, path):
+    write_rig(path, rig)
     assert [file.name for file in path.parent.iterdir() if file.is_file()] == ["rig.yaml"]
-    with pytest.raises(ValueError, match=r"a: expected a camera of pinhole, .*, found spherical"):
-        write_rig(tmp_path / "other.yaml", Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),)))
 
 
 def inner(values, keys):

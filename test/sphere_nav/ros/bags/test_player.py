@@ -1,12 +1,13 @@
-"""When a message is due; on an offline bus: latched topics first, in order, held by pause and by listeners."""
+"""When a message is due; on an offline bus: latched topics first, in order, held by listeners."""
+
+from types import SimpleNamespace
 
 import pytest
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagReader, BagWriter
-from sphere_nav.ros.bags.playback import Playback
+from sphere_nav.ros.bags import BagWriter, player_node
 from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions.stamps import time_to_ns
@@ -43,11 +44,6 @@ class Played:
         for _ in range(count):
             self.hear(self.bus.advance(self.bus.now_ns + SECOND // 10))
 
-    def call(self, name):
-        answer = self.node.endpoints.call(name)
-        assert answer.success
-        return answer.message
-
 
 def test_what_was_recorded_is_played_in_order_with_its_clock(tmp_path):
     played = Played(tmp_path, clock=True)
@@ -56,16 +52,6 @@ def test_what_was_recorded_is_played_in_order_with_its_clock(tmp_path):
     assert played.texts == ["once", *TEXTS]
     assert played.clock == sorted(played.clock)
     assert set(played.clock) >= {START + k * SECOND for k in range(1, 6)}
-
-
-def test_a_pause_holds_and_resume_goes_on(tmp_path):
-    played = Played(tmp_path)
-    assert played.call("pause") == "paused"
-    played.turn()
-    assert played.texts == ["once"]
-    assert played.call("resume") == "playing"
-    played.turn()
-    assert played.texts[-1] == TEXTS[-1]
 
 
 def test_a_start_leaves_out_what_was_before(tmp_path):
@@ -95,35 +81,30 @@ def test_what_cannot_be_played_is_refused_at_once(tmp_path, values, words):
 
 
 # --- when a message is due
-def take_due(playback):
+@pytest.fixture
+def playing(make_bag, monkeypatch):
+    """A player of topics at a rate, and the wall's time that it sees."""
+    now = [100.0]
+    monkeypatch.setattr(player_node, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    bag = str(make_bag())
+    return now, lambda topics, rate: OfflineBus().add(BagPlayer, {"bag": bag, "topics": topics, "rate": rate})
+
+
+def take_due(player):
     taken = []
-    while (item := playback.take()) is not None:
+    while (item := player.take()) is not None:
         taken.append((item.topic, item.stamp_ns - BEGIN))
     return taken
 
 
-def test_messages_are_due_at_the_pace_of_recording(make_bag):
-    with BagReader(make_bag()) as bag:
-        now = [100.0]
-        playback = Playback(bag, ["/text", "/stamp"], BEGIN, 2.0, lambda: now[0])
-        assert playback.total == 80
-        assert take_due(playback) == [("/text", 0)]  # /stamp is a nanosecond later
-        now[0] += 0.06  # 0.12 s of the bag
-        assert [stamp for _, stamp in take_due(playback)] == [1, 100_000_000, 100_000_001]
-        assert playback.present_ns() == pytest.approx(BEGIN + 120_000_000, abs=10)
-        now[0] += 100.0
-        assert len(take_due(playback)) == 76
-        assert (playback.done, playback.next, playback.present_ns()) == (80, None, 0)
-
-
-def test_a_pause_is_not_made_up_for(make_bag):
-    with BagReader(make_bag()) as bag:
-        now = [100.0]
-        playback = Playback(bag, ["/stamp"], BEGIN, 1.0, lambda: now[0])
-        take_due(playback)
-        now[0] += 0.05
-        playback.pause()
-        now[0] += 50.0
-        assert len(take_due(playback)) == 1  # the clock goes on from the next message
-        now[0] += 0.1
-        assert len(take_due(playback)) == 1
+def test_messages_are_due_at_the_pace_of_recording(playing):
+    now, make = playing
+    player = make("/text /stamp", 2.0)
+    assert player.total == 80
+    assert take_due(player) == [("/text", 0)]  # /stamp is a nanosecond later
+    now[0] += 0.06  # 0.12 s of the bag
+    assert [stamp for _, stamp in take_due(player)] == [1, 100_000_000, 100_000_001]
+    assert player.present_ns(player.next) == pytest.approx(BEGIN + 120_000_000, abs=10)
+    now[0] += 100.0
+    assert len(take_due(player)) == 76
+    assert (player.done, player.next) == (80, None)

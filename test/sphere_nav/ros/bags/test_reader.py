@@ -24,8 +24,8 @@ def test_messages_come_in_order_of_time(make_bag):
         stamps = [item.stamp_ns for item in bag.messages()]
         assert stamps == sorted(stamps)
         assert [item.message.frame_id for item in bag.messages(["stamp"])] == [str(n) for n in range(40)]
-        late = list(bag.messages(["/stamp"], start_ns=8_000_000_000, end_ns=8_200_000_001))
-        assert [item.message.frame_id for item in late] == ["30", "31", "32"]
+        late = list(bag.raw(["/stamp"], 8_000_000_000, 8_200_000_001))
+        assert [bag.decode("/stamp", item.message, Header).frame_id for item in late] == ["30", "31", "32"]
 
 
 def test_messages_written_out_of_order_are_sorted(tmp_path):

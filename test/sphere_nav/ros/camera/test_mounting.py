@@ -1,5 +1,7 @@
 """Where a camera sits on the vehicle, told by hand."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -19,3 +21,6 @@ def test_a_file_says_the_same(tmp_path):
     path = tmp_path / "mount.yaml"
     path.write_text("{x: 1.0, y: 2, z: 3, roll: 0.1, pitch: 0.2, yaw: 0.3}")
     assert read_mounting(str(path)).distance(read_mounting("1,2,3,0.1,0.2,0.3")) == pytest.approx((0.0, 0.0), abs=1e-12)
+    path.write_text("{x: [")
+    with pytest.raises(ValueError, match=f"^--mounting: {re.escape(str(path))}: "):
+        read_mounting(str(path), "--mounting")

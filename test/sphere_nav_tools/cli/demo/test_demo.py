@@ -64,7 +64,7 @@ def test_a_new_demo_keeps_the_last_result(tmp_path):
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo" / "mine").touch()
     new_folder(tmp_path / "demo")
-    assert (tmp_path / "demo.1" / "mine").exists()
+    assert (tmp_path / "demo_2" / "mine").exists()
     assert not any((tmp_path / "demo").iterdir())
 
 

@@ -119,7 +119,7 @@ def test_cameras_sit_where_their_rig_says(tmp_path):
         write(tmp_path / name / "0.png")
 
     def found(folder, *parts):
-        write_rig(tmp_path / "rig.yaml", Rig(parts), is_overwriting=True)
+        write_rig(tmp_path / "rig.yaml", Rig(parts))
         return transforms(open_images(tmp_path / folder, tmp_path / "rig.yaml", None, None, None))
 
     pair = found("", *parts)
