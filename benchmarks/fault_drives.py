@@ -176,7 +176,7 @@ class Drive:
         if status.age or self._told is None or conversions.stamp_ns(self._told) != stamp:
             return
         T_map_base, covariance = conversions.pose_with_covariance_to_se3(self._told)
-        truth = self._T_map_taken.get(stamp)
+        truth = self._T_map_taken.get(stamp) if covariance.any() else None
         if truth is not None and squared_distance(T_map_base, truth, covariance) <= gate(6):
             self.gauge.placed.append(stamp)
 
