@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -133,7 +133,7 @@ class References:
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
         self.by_contrast = False  # what serves at present
-        self._contrast_images: list[tuple[Pyramid, Pyramid]] = []  # of the latest images
+        self._in_contrast = lru_cache(NUM_CONTRAST_IMAGES)(self._draw_contrast)
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -181,7 +181,11 @@ class References:
             how = {"is_followed": is_followed, "by_contrast": by_contrast}
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
         chosen = tuple(
-            replace(self._in_contrast(one) if by_contrast and choice.views else one, views=choice.views)
+            replace(
+                one,
+                pyramid=self._in_contrast(one.pyramid) if by_contrast and choice.views else one.pyramid,
+                views=choice.views,
+            )
             for one, choice in zip(images, choices, strict=True)
         )
         return RigChoice(chosen, replace(Choice.merge(choices), by_contrast=by_contrast))
@@ -295,15 +299,11 @@ class References:
         self._pixels.use(key)
         return self._spheres.get(key)
 
-    def _in_contrast(self, one: RigImage) -> RigImage:
-        """Return an image by its local contrast; those of the latest instant are kept."""
-        found = next((known for image, known in self._contrast_images if image is one.pyramid), None)
-        if found is None:
-            level = one.pyramid.levels[0]
-            seen = local_contrast(level.unpadded, level.camera, self._window_rad)
-            found = build_pyramid(seen, level.camera, self._registration.pyramid)
-            self._contrast_images = [*self._contrast_images[-NUM_CONTRAST_IMAGES:], (one.pyramid, found)]
-        return replace(one, pyramid=found)
+    def _draw_contrast(self, pyramid: Pyramid) -> Pyramid:
+        """Return an image by its local contrast."""
+        level = pyramid.levels[0]
+        seen = local_contrast(level.unpadded, level.camera, self._window_rad)
+        return build_pyramid(seen, level.camera, self._registration.pyramid)
 
     def _ahead(self, T_map_camera: SE3, camera: Camera) -> SE3:
         """Return a pose moved towards what the camera sees, where key spheres are whole: one there shows it larger.
@@ -323,11 +323,10 @@ class References:
         first = nodes[: count or self._params.num_references] if len(self._parts) == 1 else nodes
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
-        coarse = [self.coarse[node.id] for node in nodes]
         T_camera_map = T_map_camera.inverse()
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
-        overlaps = measure_coverage([one.points for one in coarse], T_camera_sphere, camera)
-        return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
+        overlaps = measure_coverage([self.coarse.points(node.id) for node in nodes], T_camera_sphere, camera)
+        return nodes, np.where([self.coarse[node.id].camera.is_whole for node in nodes], 1.0, overlaps)
 
     def _nearest_of_all(self, T_map_camera: SE3) -> list[KeySphere]:
         """Return the nearest key spheres, of several experiences as many of each, nearest first."""

@@ -35,7 +35,7 @@ from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
 from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
-from dense_localizer.references.recognition import Recognition, find_body_axes
+from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
 from dense_localizer.start.by_edges import EdgeSearch
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
@@ -96,9 +96,9 @@ class Startup:
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""
-        recognition, node = Recognition(self._references.appearance, seen.pyramid, attitudes), self._references.node
-        placed = [Guess(node(one), node(one).T_map_sphere @ T) for one, T in recognition.match_poses()]
-        return [node(one.sphere_id) for one in recognition.alike], placed
+        node = self._references.node
+        alike, poses = recognize(self._references.appearance, seen.pyramid, attitudes)
+        return list(map(node, alike)), [Guess(node(one), node(one).T_map_sphere @ T) for one, T in poses]
 
     def _compare_all(
         self, seen: RigImage, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int

@@ -138,7 +138,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
                      "names slack_s slack_ns deadline_ns is_ready num_first"),
     "TransformTree": (transform_tree, "clear", ""),  # what does not move holds at any time
-    "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params"),
+    "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params without_hidden"),
     "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),
 }  # fmt: skip
 # Parts of the above that have no reset of their own.

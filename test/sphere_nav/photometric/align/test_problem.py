@@ -76,7 +76,7 @@ def test_images_correlate_after_the_turn_between_them(room):
     for camera in [CAMERA, Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, 0, 0, 0)), Spherical(256, 128)]:
         turn = SE3.exp([0, 0, 0, 0.01, np.deg2rad(8), -0.01])
         before, now = (
-            build_pyramid(room.render(camera, pose)[0], camera, PARAMS.pyramid).levels[-1]
+            build_pyramid(room.render(camera, pose)[0], camera, PARAMS.pyramid)
             for pose in (T_BODY_OPTICAL, T_BODY_OPTICAL @ turn)
         )
         right = correlation_after_turn(now, before, turn.rotation)
@@ -87,7 +87,7 @@ def test_images_correlate_after_the_turn_between_them(room):
 
 def test_images_that_share_little_or_show_nothing_do_not_correlate(room):
     image = room.render(CAMERA, T_BODY_OPTICAL)[0]
-    level = build_pyramid(image, CAMERA, PARAMS.pyramid).levels[-1]
-    even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid).levels[-1]
+    level = build_pyramid(image, CAMERA, PARAMS.pyramid)
+    even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid)
     assert correlation_after_turn(level, level, SE3.exp([0, 0, 0, 0, np.deg2rad(90), 0]).rotation) is None
     assert correlation_after_turn(level, even, np.eye(3)) is None
