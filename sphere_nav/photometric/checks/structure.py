@@ -83,7 +83,7 @@ def find_rig_structure(
         found = replace(found, chance=vote(finest_levels(images, params), cameras).chance)
     if found.support.is_proven or Aspect.OCCLUSION not in aspects:
         return found
-    return replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
+    return replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose))
 
 
 def sample_images(

@@ -101,7 +101,7 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
         problem = linearize_samples(votes.kept) if votes.chance <= MAX_CHANCE else None
         if problem is None:
             break
-        step, remaining, weight = solve_robustly(*problem, params)
+        step, remaining, weight = solve_robustly(*problem)
         J = problem[0]
         inverse, gradients = scaled_inverse((weight[:, None] * J).T @ J), (weight * remaining)[:, None] * J
         covariance = clustered_covariance(inverse, gradients, votes.owner, J.shape[1])[:6, :6]

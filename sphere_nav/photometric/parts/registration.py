@@ -30,15 +30,13 @@ from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler, sample
 
 @dataclass(frozen=True, eq=False)
 class PartsAlignment:
-    """T_world_body, its covariance (6, 6), how many cells there are and agree, and the chance of as many.
+    """T_world_body, its covariance (6, 6), and the chance of as many agreeing cells in a wrong place.
 
-    `chance` is that of a wrong place, all motions counted that were tried.
+    All motions that were tried are counted in it.
     """
 
     T_world_body: SE3
     covariance: Array
-    num_cells: int
-    num_agreeing: int
     chance: float
 
 
@@ -73,7 +71,7 @@ def _descend(
     votes = vote(finest_levels(images, params), _sampler(images, params)(T_world_body))
     covariance = motion_covariance(votes.shifts)
     chance = min(votes.chance * NUM_TRIED_MOTIONS * num_begun, 1.0)
-    return PartsAlignment(T_world_body, covariance, votes.num_cells, votes.num_agreeing, chance)
+    return PartsAlignment(T_world_body, covariance, chance)
 
 
 def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[int]:

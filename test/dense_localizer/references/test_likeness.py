@@ -45,7 +45,7 @@ def sight(experience, x, is_followed=True):
 def test_references_are_of_the_experience_that_looks_like_the_image(days):
     references = References(days, PARAMS)
     for tens, experience in enumerate((DAY, NIGHT, SNOW)):
-        chosen = references.choose(at(0.25), PINHOLE, sight=sight(experience, 0.25, is_followed=False))
+        chosen = references.choose(sight(experience, 0.25, is_followed=False), PINHOLE)
         assert [one // 10 for one in chosen.ids] == [tens, tens]
 
 
@@ -61,7 +61,7 @@ def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it():
     for k, room in enumerate(rooms.values()):
         image = relit(room.photograph(PINHOLE, at(0.25), 0), 0)
         seen = Sight(build_pyramid(image, PINHOLE).levels[-1], at(0.25), is_followed=False)
-        assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10 * k + 1, 10 * k + 2)  # ahead
+        assert references.choose(seen, PINHOLE).ids == (10 * k + 1, 10 * k + 2)  # ahead
     references.close()
 
 
@@ -76,8 +76,8 @@ class Scripted(ExperienceChoice):
         """Return the choice, which explains the image."""
         self._likeness = {Experience(name): value for name, value in likeness.items()}
         reach = {one: replace(NODE, id=DRIVES.index(one.name), experience=one) for one in self._likeness}
-        self.adopt(chosen := self.choose(reach, Sight(None, None, is_followed)))
-        return chosen.name
+        self.current = self.choose(reach, Sight(None, None, is_followed))
+        return self.current.name
 
     def compare_edges(self, node, sight):
         return self._likeness[node.experience]
@@ -94,7 +94,7 @@ def test_what_is_in_use_stays_until_another_experience_explains_an_image():
     choice = Scripted()
     assert choice.look(is_followed=False, day=0.5, night=0.6) == "night"
     assert choice.look(day=0.9, night=0.1) == "night"
-    choice.adopt(DAY)
+    choice.current = DAY
     assert choice.look(day=0.1, night=0.9) == "day"
     assert choice.look(night=0.1) == "night"  # no other within reach
     assert choice.look(is_followed=False, day=0.56, night=0.6) == "day"  # nearly alike: that of the first drive
