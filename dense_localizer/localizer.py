@@ -81,8 +81,7 @@ class Localizer:
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
-        expected, is_trusted = self.references.ground.expect(prediction.T_map_camera), self._states.is_trusted
-        prediction = replace(prediction, expected=expected, is_trusted=is_trusted)
+        prediction = replace(self.references.ground.stand(prediction), is_trusted=self._states.is_trusted)
         chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)

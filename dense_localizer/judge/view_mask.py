@@ -32,10 +32,9 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import MIN_COSINE_RATIO
 from sphere_nav.photometric.pixels.pyramid import hide
-from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell
+from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell, sample_images
 
 COLUMNS, ROWS = MASK_CELLS
 Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
@@ -81,8 +80,7 @@ class ViewMask:
             return
         self._last = pose
         images = [replace(one, pyramid=one.pyramid.whole or one.pyramid) for one in candidate.images]
-        there = replace(alignment, T_world_camera=pose)
-        for image, sample in sample_images(images, there, self._params, candidate.motion):
+        for image, sample in sample_images(images, pose, alignment.light, self._params, candidate.motion):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
             self._gradients[image.name] = now
             if before is not None and before.shape == now.shape:

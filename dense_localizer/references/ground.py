@@ -7,11 +7,13 @@ tells how a camera sits on the vehicle, or where a map was taken by hand.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from dense_localizer.constants import GROUND_REACH_M, GROUND_SIGMA, MAX_GROUND_SIGMA_RAD
+from dense_localizer.motion_prior import Prediction
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
@@ -32,6 +34,10 @@ class Ground:
         self._T_sphere_base = (T_base_sphere or SE3.identity()).inverse()
         # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried the spheres.
         self.sigma = self._measure() if T_base_sphere is not None else None
+
+    def stand(self, prediction: Prediction) -> Prediction:
+        """Return a prediction with what the ground says of its pose."""
+        return replace(prediction, expected=self.expect(prediction.T_map_camera))
 
     def camera_on_base(self, T_body_camera: SE3 | None) -> SE3 | None:
         """Return where a camera of the body is on the vehicle; None: nobody knows."""

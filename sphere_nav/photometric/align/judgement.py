@@ -46,6 +46,11 @@ class Alignment:
     biases: tuple[float, ...]
 
     @property
+    def light(self) -> Array:
+        """Gain and bias (views, 2) of each reference."""
+        return np.column_stack([self.gains, self.biases])
+
+    @property
     def is_converged(self) -> bool:
         """Whether the result may be used."""
         return self.reason == GOOD

@@ -26,7 +26,6 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import LeastSquares
-from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,
@@ -42,7 +41,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.pixels.pyramid import magnify
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, sample_images
 
 LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
 
@@ -104,7 +103,8 @@ def measure_stretches(
     motion: FrameMotion | None = None,
 ) -> list[Stretch]:
     """Return the stretch of each camera, to first order; none of whole spheres, or of few cells."""
-    seen = [(one.mount, sample) for one, sample in sample_images(images, alignment, params, motion)]
+    sampled = sample_images(images, alignment.T_world_camera, alignment.light, params, motion)
+    seen = [(one.mount, sample) for one, sample in sampled]
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
     return solve_stretches(seen, lenses)
 
