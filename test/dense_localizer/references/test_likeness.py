@@ -72,11 +72,11 @@ class Scripted(ExperienceChoice):
         super().__init__(None)
         self.grays = {}
 
-    def look(self, is_followed=True, **likeness):
+    def look(self, is_followed=True, instead_of=(), **likeness):
         """Return the choice, which explains the image."""
         self._likeness = {Experience(name): value for name, value in likeness.items()}
         reach = {one: replace(NODE, id=DRIVES.index(one.name), experience=one) for one in self._likeness}
-        self.current = self.choose(reach, Sight(None, None, is_followed))
+        self.current = self.choose(reach, Sight(None, None, is_followed, instead_of))
         return self.current.name
 
     def compare_edges(self, node, sight):
@@ -87,7 +87,7 @@ class Scripted(ExperienceChoice):
 
 
 NODE = KeySphere(0, 0, SE3.identity())
-DRIVES = ("day", "night")  # in their order
+DRIVES = ("day", "night", "snow")  # in their order
 
 
 def test_what_is_in_use_stays_until_another_experience_explains_an_image():
@@ -98,6 +98,15 @@ def test_what_is_in_use_stays_until_another_experience_explains_an_image():
     assert choice.look(day=0.1, night=0.9) == "day"
     assert choice.look(night=0.1) == "night"  # no other within reach
     assert choice.look(is_followed=False, day=0.56, night=0.6) == "day"  # nearly alike: that of the first drive
+
+
+def test_of_those_that_were_not_tried_the_one_in_use_serves_else_the_one_most_alike():
+    choice, tried = Scripted(), {"day": 0.9, "night": 0.1, "snow": 0.5}
+    choice.current = NIGHT
+    assert choice.look(instead_of=(DAY,), **tried) == "night"
+    assert choice.look(instead_of=(DAY, NIGHT), **tried) == "snow"
+    choice.current = DAY
+    assert choice.look(instead_of=(DAY,), **tried) == "snow"
     assert choice.look(is_followed=False, day=0.54, night=0.6) == "night"
     for lead, expected in ((0.04, "day"), (0.06, "night")):  # alike by edges: grey levels
         choice.grays = {"night": 0.5 + lead}
