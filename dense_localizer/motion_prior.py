@@ -165,12 +165,9 @@ class PosePrior:
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
         self._defies_odometry = False
-        self.velocity = self.velocity_covariance = None
-        self._noise, self._confirmed_ns = covariance, stamp_ns
-        self._count_period(stamp_ns)
-        self.drift.start(T_map_camera)
-        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
-        self._T_odom_held = self._T_odom_aligned = T_odom_camera
+        self.velocity = self.velocity_covariance = self._aligned = None
+        self.drift.reset()
+        self.correct(T_map_camera, covariance, stamp_ns, T_odom_camera)
 
     def predict(self, stamp_ns: int, T_odom_camera: SE3 | None = None, T_before_now: SE3 | None = None) -> Prediction:
         """Return the pose at `stamp_ns`, by odometry where given, else by velocity.
@@ -213,9 +210,7 @@ class PosePrior:
     def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None, *, is_refused: bool = False) -> None:
         """Go on from the prediction: the image could not be aligned, or its alignment was refused."""
         self._defies_odometry = is_refused and not self._defies_odometry
-        self._count_period(prediction.stamp_ns)
-        self._held, self._T_odom_held = prediction, T_odom_camera
-        self.drift.propagate(prediction.T_map_camera)
+        self._move_to(prediction, T_odom_camera)
 
     def correct(
         self,
@@ -242,16 +237,16 @@ class PosePrior:
             self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s
             self.velocity_covariance = (self._noise + noise) / elapsed_s**2
         self._noise = noise
-        self._count_period(stamp_ns)
-        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
-        self._T_odom_held = self._T_odom_aligned = T_odom_camera
-        self.drift.propagate(T_map_camera)
+        self._aligned, self._T_odom_aligned = Prediction(T_map_camera, covariance, stamp_ns), T_odom_camera
+        self._move_to(self._aligned, T_odom_camera)
         if is_by_map:
             self._confirmed_ns = stamp_ns
 
-    def _count_period(self, stamp_ns: int) -> None:
-        if self.pause_s(stamp_ns) > 0.0:
-            self._periods_s.append(self.pause_s(stamp_ns))
+    def _move_to(self, pose: Prediction, T_odom_camera: SE3 | None) -> None:
+        if self.pause_s(pose.stamp_ns) > 0.0:
+            self._periods_s.append(self.pause_s(pose.stamp_ns))
+        self._held, self._T_odom_held = pose, T_odom_camera
+        self.drift.propagate(pose.T_map_camera)
 
     def _motion(self, step_s: float, T_odom_camera: SE3 | None) -> SE3:
         if T_odom_camera is not None and self._T_odom_held is not None:
@@ -274,12 +269,12 @@ class MapDrift:
 
     def __init__(self, graph: SphereGraph | None = None) -> None:
         self.per_meter = estimate_drift_rate(graph) if graph is not None else np.zeros(6)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing has drifted yet."""
         self.covariance: Array = np.zeros((6, 6))
         self._last: SE3 | None = None
-
-    def start(self, T_map_now: SE3) -> None:
-        """Begin anew: nothing has drifted yet."""
-        self.covariance, self._last = np.zeros((6, 6)), T_map_now
 
     def propagate(self, T_map_now: SE3) -> None:
         """Go on to another pose: what has been wrong turns with the body, and a wrong heading moves what follows."""

@@ -165,12 +165,11 @@ def _check_images(alignment: Alignment, params: AcceptanceParams, lead: float, *
 
 def _check_structure(structure: Structure, params: AcceptanceParams, lead: float) -> list[Check]:
     """Return the checks of what the residuals look like; `lead`: share of that which is asked of a good one."""
+    biases = _check_bias(structure, params)
+    if structure.support.is_proven:  # a part of the view may have changed
+        return biases
     limits = MIN_GRADIENT_AGREEMENT, MIN_GRADIENT_AGREEMENT + lead * GOOD_AGREEMENT_LEAD
-    agreement = Check(Reason.OUTLIERS, structure.agreement, *limits, "agreement of gradients")
-    return [
-        *([] if structure.support.is_proven else [agreement]),  # a part of the view may have changed
-        *_check_bias(structure, params),
-    ]
+    return [Check(Reason.OUTLIERS, structure.agreement, *limits, "agreement of gradients"), *biases]
 
 
 def _check_bias(structure: Structure, params: AcceptanceParams) -> list[Check]:

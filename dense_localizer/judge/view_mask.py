@@ -9,6 +9,7 @@ of what is aligned. They are asked on, by the image as it was, so that a lens wh
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -31,14 +32,13 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import MIN_COSINE_RATIO
 from sphere_nav.photometric.pixels.pyramid import hide
-from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell
+from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell, sample_images
 
 COLUMNS, ROWS = MASK_CELLS
 Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
-NUM_KEPT = 16  # latest images that are kept as they were: several cameras, by grey levels and by local contrast
+NUM_KEPT = 16  # latest images that are kept without their hidden cells: several cameras, by grey levels and contrast
 PIXELS_PER_CELL = 8  # of the level whose gradients are compared with those of the image before
 
 
@@ -47,6 +47,7 @@ class ViewMask:
 
     def __init__(self, params: RegistrationParams) -> None:
         self._params = params
+        self._without_hidden = lru_cache(NUM_KEPT)(self._hide_cells)
         self.reset()
 
     def reset(self) -> None:
@@ -54,7 +55,6 @@ class ViewMask:
         self._log_odds: dict[str, Array] = {}
         self._gradients: dict[str, Array] = {}  # when last asked
         self._last: SE3 | None = None  # T_map_body when last asked
-        self._whole: list[tuple[Pyramid, Pyramid]] = []  # the latest images: with hidden cells, without
 
     def hidden(self, name: str) -> Cells:
         """Return which cells of a camera are left out: those that surely never show the map, and gaps among them."""
@@ -66,14 +66,12 @@ class ViewMask:
         return replace(chosen, images=tuple(map(self._hide, chosen.images)))
 
     def _hide(self, image: RigImage) -> RigImage:
-        hidden = self.hidden(image.name)
-        if not hidden.any():
+        if not self.hidden(image.name).any():
             return image
-        known = next((without for without, whole in self._whole if whole is image.pyramid), None)
-        pyramid = known or hide(image.pyramid, hidden)
-        if known is None:
-            self._whole = [*self._whole[-NUM_KEPT:], (pyramid, image.pyramid)]
-        return replace(image, pyramid=pyramid)
+        return replace(image, pyramid=self._without_hidden(image.pyramid, image.name))
+
+    def _hide_cells(self, pyramid: Pyramid, name: str) -> Pyramid:
+        return hide(pyramid, self.hidden(name))
 
     def observe(self, candidate: PoseCandidate) -> None:
         """Ask the cells of images that the map has placed, once the view has moved since they were last asked."""
@@ -81,9 +79,8 @@ class ViewMask:
         if alignment is None or candidate.is_by_range or not self._has_moved(pose, candidate.choice.typical_range_m):
             return
         self._last = pose
-        images = [replace(one, pyramid=self._as_it_was(one.pyramid)) for one in candidate.images]
-        there = replace(alignment, T_world_camera=pose)
-        for image, sample in sample_images(images, there, self._params, candidate.motion):
+        images = [replace(one, pyramid=one.pyramid.whole or one.pyramid) for one in candidate.images]
+        for image, sample in sample_images(images, pose, alignment.light, self._params, candidate.motion):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
             self._gradients[image.name] = now
             if before is not None and before.shape == now.shape:
@@ -96,9 +93,6 @@ class ViewMask:
             return True
         xi = (self._last.inverse() @ T_map_body).log()
         return float(np.linalg.norm(xi[:3]) / typical_range_m + np.linalg.norm(xi[3:])) >= MASK_STEP_RAD
-
-    def _as_it_was(self, pyramid: Pyramid) -> Pyramid:
-        return next((whole for without, whole in self._whole if without is pyramid), pyramid)
 
 
 def _vote(sample: Sample, still: Cells) -> Array:

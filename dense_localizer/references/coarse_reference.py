@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache, partial
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,44 +27,16 @@ from sphere_nav.spheres.sphere import Sphere
 NUM_PREPARED = 32  # small spheres that are kept ready for alignment: memory, no result
 
 
-@dataclass(frozen=True, eq=False)
-class CoarseReference:
-    """A small sphere: its window and its median range in m, infinite without any; the rest is read when needed."""
+class CoarseReference(NamedTuple):
+    """The window of a small sphere and its median range in m, infinite without any."""
 
     camera: Spherical
     typical_range_m: float
-    load: Callable[[], Sphere]
-    params: RegistrationParams
-
-    @staticmethod
-    def load_from(load: Callable[[], Sphere], params: RegistrationParams) -> CoarseReference:
-        """Return what is kept of a small sphere."""
-        sphere = load()
-        finite = sphere.range_m[np.isfinite(sphere.range_m)]
-        return CoarseReference(sphere.camera, float(np.median(finite)) if finite.size else np.inf, load, params)
 
     @property
     def step_m(self) -> float:
         """How far before and behind its middle a camera is looked for, too; 0 without any range."""
         return FORWARD_STEP * self.typical_range_m if np.isfinite(self.typical_range_m) else 0.0
-
-    @cached_property
-    def reference(self) -> Reference:
-        """Its levels."""
-        sphere = self.load()
-        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, limit_levels(self.params))
-
-    @cached_property
-    def points(self) -> NDArray[np.float32]:
-        """A few points (N, 3) m of the sphere."""
-        was_ready, points = "reference" in self.__dict__, self.reference.levels[-1].points
-        if not was_ready:
-            self.forget()
-        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_COVERAGE_POINTS)].T)
-
-    def forget(self) -> None:
-        """Free what alignment needs; it is made again when needed."""
-        self.__dict__.pop("reference", None)
 
 
 class CoarseReferences(dict[int, CoarseReference]):
@@ -71,30 +44,33 @@ class CoarseReferences(dict[int, CoarseReference]):
 
     def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
         super().__init__()
-        self._spheres, self._params = spheres, params
-        self._latest: dict[int, None] = {}
+        self.load, self._params = spheres.__getitem__, limit_levels(params)
+        self.reference = lru_cache(NUM_PREPARED)(self._prepare)
+        self.points = cache(self._thin)
         self.panorama = lru_cache(2 * NUM_LAID_OUT)(self._draw)
 
     def __missing__(self, sphere_id: int) -> CoarseReference:
-        self[sphere_id] = CoarseReference.load_from(partial(self._spheres.__getitem__, sphere_id), self._params)
+        sphere = self.load(sphere_id)
+        finite = sphere.range_m[np.isfinite(sphere.range_m)]
+        self[sphere_id] = CoarseReference(sphere.camera, float(np.median(finite)) if finite.size else np.inf)
         return self[sphere_id]
+
+    def _prepare(self, sphere_id: int) -> Reference:
+        """Return the levels of a small sphere."""
+        sphere = self.load(sphere_id)
+        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, self._params)
+
+    def _thin(self, sphere_id: int) -> NDArray[np.float32]:
+        """Return a few points (N, 3) m of a small sphere."""
+        points = self.reference(sphere_id).levels[-1].points
+        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_COVERAGE_POINTS)].T)
 
     def _draw(self, sphere_id: int, by_contrast: bool = False) -> NDArray[np.float32]:
         """Return the edges of a small sphere, or of its local contrast."""
-        sphere = self[sphere_id].load()
+        sphere = self.load(sphere_id)
         if by_contrast:
             sphere = replace(sphere, image=local_contrast(sphere.levels, sphere.camera, CONTRAST_ANGLE))
         return draw_sphere(sphere)
-
-    def reference(self, sphere_id: int) -> Reference:
-        """Return a prepared small sphere."""
-        self._latest.pop(sphere_id, None)
-        self._latest[sphere_id] = None
-        if len(self._latest) > NUM_PREPARED:
-            oldest = next(iter(self._latest))
-            del self._latest[oldest]
-            self[oldest].forget()
-        return self[sphere_id].reference
 
 
 @cache

@@ -33,7 +33,7 @@ class Sight(NamedTuple):
 
     level: Level
     T_map_camera: SE3
-    is_followed: bool
+    is_followed: bool = False
     instead_of: Tried = ()
     wanted: Experience | None = None
 
@@ -43,18 +43,20 @@ class ExperienceChoice:
 
     def __init__(self, coarse: CoarseReferences) -> None:
         self._coarse = coarse
-        self.reset()
+        self.current: Experience | None = None  # which explained an image last
 
-    def reset(self) -> None:
-        """Nothing is known of the last images."""
-        self.current: Experience | None = None
-
-    def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
+    def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
         """Return the experience in use while it explains images; `within_reach`: the nearest key sphere of each.
 
         Else that whose edges are most like the image, of those alike in these by grey levels; of those nearly alike in
-        both the first drive's, by whose key spheres later ones were placed.
+        both the first drive's, by whose key spheres later ones were placed. Where some did not do: another one, the one
+        in use or that whose edges are most like the image; None where there is no other.
         """
+        if sight.instead_of:
+            others = {one: node for one, node in within_reach.items() if one not in sight.instead_of}
+            if self.current in others:
+                return self.current
+            return max(others, key=lambda one: self.compare_edges(others[one], sight), default=None)
         known = sight.wanted if sight.wanted in within_reach else self.current if sight.is_followed else None
         if known is not None and known in within_reach:
             return known
@@ -65,20 +67,6 @@ class ExperienceChoice:
         grays = {one: self.compare(within_reach[one], sight) for one in sharp}
         needed = max(grays.values()) - MIN_LIKENESS_LEAD
         return min((one for one in sharp if grays[one] >= needed), key=lambda one: within_reach[one].id)
-
-    def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
-        """Return the one in use, else the one whose edges are most like the image, but none which did not do.
-
-        None: there is no other.
-        """
-        others = {one: node for one, node in within_reach.items() if one not in sight.instead_of}
-        if self.current in others:
-            return self.current
-        return max(others, key=lambda one: self.compare_edges(others[one], sight)) if others else None
-
-    def adopt(self, experience: Experience) -> None:
-        """Go on with an experience that explained an image."""
-        self.current = experience
 
     def compare_edges(self, node: KeySphere, sight: Sight) -> float:
         """Return how alike edges of the image and of a key sphere are from there, whatever the light, -1...1."""

@@ -117,23 +117,18 @@ class EdgeErrors:
     """How sure the place of each key sphere is among those around it; made when it is first asked for."""
 
     def __init__(self, graph: SphereGraph) -> None:
-        self._graph, self._found = graph, dict[int, Array | None]()
+        self._graph, self.covariance = graph, cache(self._average)
         self._edges: dict[int, list[Edge]] = {}
         for edge in graph.edges:
             for end in (edge.a, edge.b):
                 self._edges.setdefault(end, []).append(edge)
 
-    def covariance(self, sphere_id: int) -> Array | None:
+    def _average(self, sphere_id: int) -> Array | None:
         """Return the mean covariance (6, 6) of the motions to the key spheres around one, its own axes.
 
         One that another drive added later says how sure that one is: the map stayed where it was. None where there is
         no other.
         """
-        if sphere_id not in self._found:
-            self._found[sphere_id] = self._average(sphere_id)
-        return self._found[sphere_id]
-
-    def _average(self, sphere_id: int) -> Array | None:
         if sphere_id not in self._edges:
             return None
         own, motions = self._graph[sphere_id], relative_covariances(self._graph, self._edges, sphere_id)

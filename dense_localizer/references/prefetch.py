@@ -145,11 +145,6 @@ class SpherePrefetch:
         return max(MIN_SPHERES, int(self._memory_bytes // self._largest)) if self._largest else MIN_SPHERES
 
     @property
-    def num_bytes(self) -> int:
-        """Memory of what is prepared."""
-        return sum(reference.num_bytes for reference in self._ready)
-
-    @property
     def _ready(self) -> list[Reference]:
         done = [future for future in self._references.values() if future.done() and not future.cancelled()]
         return [future.result() for future in done if future.exception() is None]

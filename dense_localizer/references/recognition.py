@@ -5,7 +5,7 @@ The cost does not grow with the map: so many spheres are compared, however many 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,37 +14,33 @@ from dense_localizer.constants import MIN_POSE_INLIERS, NUM_MATCHED, NUM_RETRIEV
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.photometric import Pyramid
 from sphere_nav.spheres.appearance.features import Features, features_of_image
-from sphere_nav.spheres.appearance.index import AppearanceIndex, Likeness
+from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.appearance.pose import find_pose
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 
-class Recognition:
-    """What one image shows of the key spheres of a map, for each attitude that its camera may have."""
+def recognize(
+    index: AppearanceIndex, pyramid: Pyramid, attitudes: Sequence[SE3]
+) -> tuple[list[int], list[tuple[int, SE3]]]:
+    """Return ids of the likest key spheres, each by the attitude at which it is likest, and poses in them.
 
-    def __init__(self, index: AppearanceIndex, pyramid: Pyramid, attitudes: Sequence[SE3] = (SE3.identity(),)) -> None:
-        """`attitudes`: T_level_body, of the camera's body axes (x ahead, z up) in upright ones of any heading."""
-        self._index, level = index, pyramid.levels[0]
-        self._T_body_camera = find_body_axes(level.camera)
-        found = features_of_image(level.unpadded.astype(np.float32), level.camera)
-        self._features = _turn(found, self._T_body_camera)
-        self.alike = self._find(attitudes)
-
-    def _find(self, attitudes: Sequence[SE3]) -> list[Likeness]:
-        """Return the likest key spheres, each by the attitude at which it is likest."""
-        best: dict[int, Likeness] = {}
-        for T_level_body in attitudes:
-            for one in self._index.find(_turn(self._features, T_level_body), NUM_RETRIEVED):
-                if one.sphere_id not in best or one.log_chance < best[one.sphere_id].log_chance:
-                    best[one.sphere_id] = one
-        return sorted(best.values(), key=lambda one: one.log_chance)[:NUM_RETRIEVED]
-
-    def match_poses(self) -> Iterator[tuple[int, SE3]]:
-        """Yield ids of key spheres and T_sphere_camera where enough features match, whatever the attitude."""
-        for one in self.alike[:NUM_MATCHED]:
-            pose = find_pose(self._features, self._index.features[one.sphere_id])
-            if pose is not None and pose.num_inliers >= MIN_POSE_INLIERS:
-                yield one.sphere_id, pose.T_sphere_camera @ self._T_body_camera
+    `attitudes`: T_level_body, of the camera's body axes (x ahead, z up) in upright ones of any heading. A pose
+    T_sphere_camera is where enough features match, whatever the attitude.
+    """
+    level = pyramid.levels[0]
+    T_body_camera = find_body_axes(level.camera)
+    features = _turn(features_of_image(level.unpadded.astype(np.float32), level.camera), T_body_camera)
+    chances: dict[int, float] = {}
+    for T_level_body in attitudes:
+        for one in index.find(_turn(features, T_level_body), NUM_RETRIEVED):
+            chances[one.sphere_id] = min(one.log_chance, chances.get(one.sphere_id, np.inf))
+    alike = sorted(chances, key=chances.__getitem__)[:NUM_RETRIEVED]
+    poses = {one: find_pose(features, index.features[one]) for one in alike[:NUM_MATCHED]}
+    return alike, [
+        (one, pose.T_sphere_camera @ T_body_camera)
+        for one, pose in poses.items()
+        if pose is not None and pose.num_inliers >= MIN_POSE_INLIERS
+    ]
 
 
 def find_body_axes(camera: Camera) -> SE3:

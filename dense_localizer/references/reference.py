@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -133,7 +133,7 @@ class References:
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
         self.by_contrast = False  # what serves at present
-        self._contrast_images: list[tuple[Pyramid, Pyramid]] = []  # of the latest images
+        self._in_contrast = lru_cache(NUM_CONTRAST_IMAGES)(self._draw_contrast)
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -171,45 +171,39 @@ class References:
 
         `instead_of`: experiences that have not explained these images; theirs are those of another one, or none.
         """
-        is_followed = not prediction.is_guess
         by_contrast = self.by_contrast if prediction.by_contrast is None else prediction.by_contrast
         by_contrast = by_contrast and self.knows_contrast
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
-            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed, instead_of, prediction.experience)
-            how = {"is_followed": is_followed, "by_contrast": by_contrast}
-            choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
+            how = not prediction.is_guess, instead_of, prediction.experience
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, *how)
+            choices.append(self.choose(sight, one.pyramid.cameras[0], by_contrast=by_contrast))
         chosen = tuple(
-            replace(self._in_contrast(one) if by_contrast and choice.views else one, views=choice.views)
+            replace(
+                one,
+                pyramid=self._in_contrast(one.pyramid) if by_contrast and choice.views else one.pyramid,
+                views=choice.views,
+            )
             for one, choice in zip(images, choices, strict=True)
         )
         return RigChoice(chosen, replace(Choice.merge(choices), by_contrast=by_contrast))
 
-    def choose(
-        self,
-        T_map_camera: SE3,
-        camera: Camera,
-        *,
-        is_followed: bool = False,
-        sight: Sight | None = None,
-        by_contrast: bool = False,
-    ) -> Choice:
+    def choose(self, sight: Sight, camera: Camera, *, by_contrast: bool = False) -> Choice:
         """Return the references for an image taken near a pose: the nearest of those that cover it.
 
         Where there are several experiences, those of the one that looks like the image. While a live camera is
         followed, the nearest of those that are ready; small ones where none is.
         """
-        never_waits = self._is_live and is_followed
+        T_map_camera, never_waits = sight.T_map_camera, self._is_live and sight.is_followed
         candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(_key(node.id, by_contrast))]
-        is_other = by_contrast or (sight is not None and bool(sight.instead_of))
         if not ready and usable:  # for the next image
             self._spheres.request(_key(usable[0].id, by_contrast))
-        small = [] if is_other else usable[:1]  # which explain nothing better
+        small = [] if by_contrast or sight.instead_of else usable[:1]  # which explain nothing better
         nearest = ready[: self._params.num_references] or small
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
@@ -227,10 +221,10 @@ class References:
         best = np.argsort(-overlaps, kind="stable")[:count]
         return [nodes[index] for index in best.tolist() if overlaps[index] >= MIN_VISIBLE_SHARE]
 
-    def _of_experience(self, nodes: list[KeySphere], sight: Sight | None) -> list[KeySphere]:
+    def _of_experience(self, nodes: list[KeySphere], sight: Sight) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
-        if sight is None or len(self._parts) == 1 or not nodes:
-            return [] if sight is not None and sight.instead_of else nodes
+        if len(self._parts) == 1 or not nodes:
+            return [] if sight.instead_of else nodes
         near = sorted(nodes, key=lambda one: measure_distance(one, sight.T_map_camera))
         first: dict[Experience, KeySphere] = {}
         for node in near:
@@ -238,18 +232,16 @@ class References:
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
         }
-        chosen: Experience | None
-        if sight.instead_of:
-            chosen = self._experience.choose_other(within, sight)
-        else:
-            chosen = self._experience.choose(within or {near[0].experience: near[0]}, sight)
+        if not (within or sight.instead_of):
+            within = {near[0].experience: near[0]}
+        chosen = self._experience.choose(within, sight)
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
         """Go on with the experience of references that explained an image, if there were any, and as they showed it."""
         if choice.ids:
             self.by_contrast = choice.by_contrast
-            self._experience.adopt(self.node(choice.ids[0]).experience)
+            self._experience.current = self.node(choice.ids[0]).experience
 
     def prefetch(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
         """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
@@ -295,15 +287,11 @@ class References:
         self._pixels.use(key)
         return self._spheres.get(key)
 
-    def _in_contrast(self, one: RigImage) -> RigImage:
-        """Return an image by its local contrast; those of the latest instant are kept."""
-        found = next((known for image, known in self._contrast_images if image is one.pyramid), None)
-        if found is None:
-            level = one.pyramid.levels[0]
-            seen = local_contrast(level.unpadded, level.camera, self._window_rad)
-            found = build_pyramid(seen, level.camera, self._registration.pyramid)
-            self._contrast_images = [*self._contrast_images[-NUM_CONTRAST_IMAGES:], (one.pyramid, found)]
-        return replace(one, pyramid=found)
+    def _draw_contrast(self, pyramid: Pyramid) -> Pyramid:
+        """Return an image by its local contrast."""
+        level = pyramid.levels[0]
+        seen = local_contrast(level.unpadded, level.camera, self._window_rad)
+        return build_pyramid(seen, level.camera, self._registration.pyramid)
 
     def _ahead(self, T_map_camera: SE3, camera: Camera) -> SE3:
         """Return a pose moved towards what the camera sees, where key spheres are whole: one there shows it larger.
@@ -323,11 +311,10 @@ class References:
         first = nodes[: count or self._params.num_references] if len(self._parts) == 1 else nodes
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
-        coarse = [self.coarse[node.id] for node in nodes]
         T_camera_map = T_map_camera.inverse()
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
-        overlaps = measure_coverage([one.points for one in coarse], T_camera_sphere, camera)
-        return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
+        overlaps = measure_coverage([self.coarse.points(node.id) for node in nodes], T_camera_sphere, camera)
+        return nodes, np.where([self.coarse[node.id].camera.is_whole for node in nodes], 1.0, overlaps)
 
     def _nearest_of_all(self, T_map_camera: SE3) -> list[KeySphere]:
         """Return the nearest key spheres, of several experiences as many of each, nearest first."""

@@ -35,7 +35,7 @@ from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
 from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
-from dense_localizer.references.recognition import Recognition, find_body_axes
+from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
 from dense_localizer.start.by_edges import EdgeSearch
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
@@ -69,9 +69,7 @@ class Startup:
         The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera.
         """
         attitude = find_attitude(seen, self._references.ground)
-        nodes, placed = list(self._references.nodes), list[Guess]()
-        if len(self._references.appearance) > NUM_RETRIEVED:
-            nodes, placed = self._recognize(seen, [attitude])
+        nodes, placed = self._recognize(seen, [attitude], NUM_RETRIEVED)
         placed = placed[: NUM_ALIGNED - 1]
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
@@ -80,9 +78,7 @@ class Startup:
         upright = find_attitude(seen, self._references.ground)
         turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
         attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
-        nodes, placed = list(self._references.nodes), list[Guess]()
-        if len(self._references.appearance):
-            nodes, placed = self._recognize(seen, [upright, *attitudes])
+        nodes, placed = self._recognize(seen, [upright, *attitudes], 0)
         compared = placed[:NUM_ALIGNED] or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED)
         return self._refine(seen, compared)
 
@@ -94,11 +90,13 @@ class Startup:
         found = self._by_edges.propose(seen, find_attitude(seen, self._references.ground))
         return [(seen.body(one.T_map_camera), one.node.experience) for one in found]
 
-    def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
-        """Return the key spheres that look like the image, and where its features place it."""
-        recognition, node = Recognition(self._references.appearance, seen.pyramid, attitudes), self._references.node
-        placed = [Guess(node(one), node(one).T_map_sphere @ T) for one, T in recognition.match_poses()]
-        return [node(one.sphere_id) for one in recognition.alike], placed
+    def _recognize(self, seen: RigImage, attitudes: Sequence[SE3], most: int) -> tuple[list[KeySphere], list[Guess]]:
+        """Return the key spheres that look like the image, and where its features place it; all where there are few."""
+        node = self._references.node
+        if len(self._references.appearance) <= most:
+            return list(self._references.nodes), []
+        alike, poses = recognize(self._references.appearance, seen.pyramid, attitudes)
+        return list(map(node, alike)), [Guess(node(one), node(one).T_map_sphere @ T) for one, T in poses]
 
     def _compare_all(
         self, seen: RigImage, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int

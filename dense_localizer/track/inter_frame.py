@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from dense_localizer.constants import IMAGE_FORGETTING, MAX_MISMATCH_RATIO, MAX_ROTATION_MISMATCH, MISMATCH_FLOOR
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric import RegistrationParams
+from sphere_nav.photometric import RegistrationParams, register_rotation
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rig_rotation
+from sphere_nav.photometric.align.rotation import correlation_after_turn
 
 
 class InterFrame:
@@ -28,32 +30,26 @@ class InterFrame:
         self._usual: float | None = None  # mismatch of predictions
 
     def refine(self, images: Sequence[RigImage], T_before_now: SE3) -> SE3 | None:
-        """Return a measured rotation (eq. 20) where images do not support a predicted motion but support that one."""
-        predicted = measure_mismatch(images, self.images, T_before_now)
-        if predicted is None:
+        """Return a measured rotation (eq. 20) where images do not support a predicted motion but support that one.
+
+        By the first camera of which there are both images.
+        """
+        earlier = {image.name: image.pyramid for image in self.images}
+        image = next((one for one in images if one.name in earlier), None)
+        if image is None:
             return None
-        limit = None if self._usual is None else MAX_MISMATCH_RATIO * self._usual + MISMATCH_FLOOR
-        is_supported = limit is not None and predicted <= limit
-        measured = None if is_supported else register_rig_rotation(images, self.images, self._params)
-        residual = predicted if measured is None else measure_mismatch(images, self.images, measured)
-        if residual is None or residual > MAX_ROTATION_MISMATCH * predicted:
-            measured, residual = None, predicted
+        pair, R_body_camera = (image.pyramid, earlier[image.name]), image.mount.rotation
+        before = correlation_after_turn(*pair, R_body_camera.T @ T_before_now.rotation @ R_body_camera)
+        if before is None:
+            return None
+        predicted = residual = 1.0 - before
+        measured: SE3 | None = None
+        if self._usual is None or predicted > MAX_MISMATCH_RATIO * self._usual + MISMATCH_FLOOR:
+            R_camera = register_rotation(*pair, self._params).rotation
+            after = correlation_after_turn(*pair, R_camera)
+            if after is not None and 1.0 - after <= MAX_ROTATION_MISMATCH * predicted:
+                measured = SE3.from_parts(R_body_camera @ R_camera @ R_body_camera.T, np.zeros(3))
+                residual = 1.0 - after
         usual, weight = self._usual, IMAGE_FORGETTING
         self._usual = residual if usual is None else weight * usual + (1.0 - weight) * residual
         return measured
-
-
-def measure_mismatch(now: Sequence[RigImage], before: Sequence[RigImage], T_before_now: SE3) -> float | None:
-    """Return one minus the correlation of images and the ones before, turned by the rotation of a motion of the body.
-
-    At the coarsest level, by the first camera that has both images; None where none has, or too little is seen.
-    """
-    earlier = {image.name: image for image in before}
-    for image in now:
-        if image.name in earlier:
-            R = T_before_now.rotation
-            if image.T_body_camera is not None:
-                R = image.T_body_camera.rotation.T @ R @ image.T_body_camera.rotation
-            correlation = correlation_after_turn(image.pyramid.levels[-1], earlier[image.name].pyramid.levels[-1], R)
-            return None if correlation is None else 1.0 - correlation
-    return None

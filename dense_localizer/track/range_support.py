@@ -9,6 +9,7 @@ and the prediction allows it.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -29,8 +30,8 @@ class RangeSupport:
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._params = references, params
-        self._known: dict[int, RangeImage] = {}  # of key spheres, the latest that were asked
-        self._last: tuple[DepthImage, RangeImage] | None = None  # several predictions of one instant ask for it
+        self._range_of = lru_cache(NUM_RANGE_KEPT)(lambda one: RangeImage.from_sphere(references.coarse.load(one)))
+        self._range_of_depth = lru_cache(1)(RangeImage.from_depth)  # several predictions of one instant ask for it
 
     def support(self, frame: LocalizerInput, candidate: PoseCandidate) -> PoseCandidate:
         """Return a candidate with what the depth of its instant adds; as it is where that is nothing.
@@ -59,9 +60,7 @@ class RangeSupport:
         """Return the best fit of depth near a pose, the pose of the body T_map_body by it and its covariance (6, 6)."""
         T_body_depth = depth.T_image_depth
         T_map_depth = T_map_body @ T_body_depth
-        if self._last is None or self._last[0] is not depth:
-            self._last = depth, RangeImage.from_depth(depth)
-        image = self._last[1]
+        image = self._range_of_depth(depth)
         best: tuple[RangeFit, SE3, Array] | None = None
         for node in self._references.covering(T_map_depth, image.camera, NUM_RANGE_REFERENCES):
             T_guess = node.T_map_sphere.inverse() @ T_map_depth
@@ -73,13 +72,6 @@ class RangeSupport:
             T_map_found = SE3.exp((node.T_map_sphere @ fit.T_a_b @ T_body_depth.inverse()).log())  # a rotation again
             best = fit, T_map_found, Ad @ (fit.covariance + by_map) @ Ad.T
         return best
-
-    def _range_of(self, sphere_id: int) -> RangeImage:
-        known = self._known.pop(sphere_id, None) or RangeImage.from_sphere(self._references.coarse[sphere_id].load())
-        self._known[sphere_id] = known
-        if len(self._known) > NUM_RANGE_KEPT:
-            del self._known[next(iter(self._known))]
-        return known
 
 
 def join(T_a: SE3, covariance_a: Array, T_b: SE3, covariance_b: Array) -> tuple[SE3, Array, float]:

@@ -8,7 +8,7 @@ with the way, and after a stated distance the pose is lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import cv2
@@ -53,23 +53,18 @@ class Way:
     covariance: Array
     stamp_ns: int
     meters: float = 0.0
-    noise: Array | None = None
+    noise: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
     def add_step(self, T_map_before: SE3, T_map_now: SE3, noise: Array) -> Way:
         """Return the way with one more step, whose alignment has a covariance (6, 6)."""
         T_now_before = T_map_now.inverse() @ T_map_before
-        if self.noise is not None:
-            Ad = T_now_before.adjoint()
-            noise = noise + Ad @ self.noise @ Ad.T
-        step = float(np.linalg.norm(T_now_before.translation))
-        return replace(self, meters=self.meters + step, noise=noise)
+        Ad, step = T_now_before.adjoint(), float(np.linalg.norm(T_now_before.translation))
+        return replace(self, meters=self.meters + step, noise=noise + Ad @ self.noise @ Ad.T)
 
     def covariance_at(self, T_map_now: SE3) -> Array:
         """Return the covariance (6, 6) of the pose at its end: of the start, of the steps, and of what they share."""
         Ad = (T_map_now.inverse() @ self.T_map_start).adjoint()
-        drift = np.diag((VO_DRIFT * self.meters) ** 2)
-        noise = np.zeros((6, 6)) if self.noise is None else self.noise
-        return Ad @ self.covariance @ Ad.T + noise + drift
+        return Ad @ self.covariance @ Ad.T + self.noise + np.diag((VO_DRIFT * self.meters) ** 2)
 
 
 class VisualOdometry:

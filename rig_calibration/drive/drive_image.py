@@ -13,7 +13,7 @@ from scipy.ndimage import map_coordinates
 from rig_calibration.constants import MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
-from sphere_nav.estimation.robust import HUBER, weigh
+from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import inside
@@ -89,7 +89,7 @@ def weigh_part(residual: Array, J: Array) -> Part:
     num_columns = J.shape[1]
     if len(residual) < MIN_PIXELS:
         return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
-    weight, sigma = weigh(residual, HUBER, MIN_SIGMA)
+    weight, sigma = weigh(residual, MIN_SIGMA)
     weighted = J * weight[:, None]
     return Part(weighted.T @ J, weighted.T @ residual, len(residual), sigma)
 

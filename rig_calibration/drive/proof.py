@@ -139,7 +139,7 @@ def likelihood_ratio(images: Sequence[DriveImage], states: Sequence[ImageState],
     for k, (image, state) in enumerate(zip(images, states, strict=True)):
         before, after = (settle_image(image, state, one) for one in (given, lens))
         if min(len(before), len(after)) >= MIN_PIXELS:
-            _, sigma = weigh(before, HUBER, MIN_SIGMA)
+            _, sigma = weigh(before, MIN_SIGMA)
             gains[k] = _cost(before, sigma) - _cost(after, sigma)
     return gains
 

@@ -28,8 +28,8 @@ def cauchy_weights(square: NDArray[np.float64]) -> NDArray[np.float64]:
     return 1.0 / (1.0 + square)
 
 
-def weigh(residual: NDArray[np.floating], huber: float, min_sigma: float) -> tuple[NDArray[np.floating], float]:
-    """Return Huber's weights over the variance, and its root sigma; his bound is `huber` sigma (eq. 33-35)."""
+def weigh(residual: NDArray[np.floating], min_sigma: float) -> tuple[NDArray[np.floating], float]:
+    """Return Huber's weights over the variance, and its root sigma; his bound is `HUBER` sigma (eq. 33-35)."""
     median, mad = median_and_mad(residual)
     sigma = max(SIGMA_OF_MAD * mad, min_sigma)
-    return huber_weights(np.abs(residual - median), huber * sigma) / sigma**2, sigma
+    return huber_weights(np.abs(residual - median), HUBER * sigma) / sigma**2, sigma

@@ -61,13 +61,25 @@ class InputCheck:
         return InputReport(self.check_image(image, camera, is_moving=is_moving), report.is_clock_jump)
 
     def check_stamp(self, stamp_ns: int) -> InputReport:
-        """Judge a stamp alone; after a jump of the clock the stream begins anew."""
-        finding, is_clock_jump = self._check_stamp(stamp_ns)
-        if finding.reason is Reason.NONE:
-            if is_clock_jump:
-                self.reset()
-            self.last_stamp_ns = stamp_ns
-        return InputReport(finding, is_clock_jump)
+        """Judge a stamp alone; after a jump of the clock the stream begins anew.
+
+        Zero, repeated, backward and leaping stamps are refused, until several in a row agree on the new time.
+        """
+        last, max_leap_s = self.last_stamp_ns, self._params.max_leap_s
+        if stamp_ns <= 0:
+            return _refuse_stamp(stamp_ns * 1e-9, 0.0, "stamp is zero or negative")
+        if stamp_ns == last:
+            return _refuse_stamp(0.0, 0.0, "stamp repeated")
+        step = 0.0 if last is None else (stamp_ns - last) * 1e-9
+        is_clock_jump = not 0.0 <= step <= max_leap_s
+        if is_clock_jump and not self._is_new_time(stamp_ns):
+            word, limit = ("backward", 0.0) if step < 0 else ("leaps forward", max_leap_s)
+            return _refuse_stamp(step, limit, f"stamp {word} by {abs(step):.3f} s")
+        if is_clock_jump:
+            self.reset()
+        self._pending_stamps.clear()
+        self.last_stamp_ns = stamp_ns
+        return InputReport(is_clock_jump=is_clock_jump)
 
     def check_image(self, image: NDArray[Any], camera: Camera, *, is_moving: bool = False) -> Verdict:
         """Judge an image (H, W) without its stamp."""
@@ -86,24 +98,6 @@ class InputCheck:
             return None
         timeout = Verdict(Reason.TIMEOUT, elapsed_s, self._params.timeout_s)
         return self.last_stamp_ns + round(elapsed_s * 1e9), timeout if finding.reason is Reason.NONE else finding
-
-    def _check_stamp(self, stamp_ns: int) -> tuple[Verdict, bool]:
-        """Refuse zero, repeated, backward and leaping stamps, until several in a row agree on the new time."""
-        last = self.last_stamp_ns
-        if stamp_ns <= 0:
-            return Verdict(Reason.BAD_STAMP, stamp_ns * 1e-9, 0.0, "stamp is zero or negative"), False
-        if last is None:
-            return FINE, False
-        step = (stamp_ns - last) * 1e-9
-        if 0 < step <= self._params.max_leap_s:
-            self._pending_stamps.clear()
-            return FINE, False
-        if stamp_ns == last:
-            return Verdict(Reason.BAD_STAMP, 0.0, 0.0, "stamp repeated"), False
-        if self._is_new_time(stamp_ns):
-            return FINE, True
-        word, limit = ("backward", 0.0) if step < 0 else ("leaps forward", self._params.max_leap_s)
-        return Verdict(Reason.BAD_STAMP, step, limit, f"stamp {word} by {abs(step):.3f} s"), False
 
     def _is_new_time(self, stamp_ns: int) -> bool:
         pending = self._pending_stamps
@@ -150,6 +144,10 @@ class InputCheck:
         if self._num_repeats >= FROZEN_IMAGES and (is_moving or not self._params.allow_still):
             return Verdict(Reason.FROZEN, self._num_repeats, FROZEN_IMAGES, "identical images with new stamps")
         return FINE
+
+
+def _refuse_stamp(value: float, limit: float, detail: str) -> InputReport:
+    return InputReport(Verdict(Reason.BAD_STAMP, value, limit, detail))
 
 
 def _count_levels(sample: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,6 +7,7 @@ compiled kernels goes by their text.
 import numpy as np
 
 # Alignment
+MIN_SIGMA = 1.0  # grey level, smallest standard deviation assumed for a residual; align/test_problem
 STUCK = 25.0  # times `min_step`: an increment as large at the end is no convergence; test_judgement
 EXPECTED_SIGMAS = 2.0  # beyond so many standard deviations an expectation pulls no harder; align/test_expectation
 ROTATION_ITERATIONS = 10  # of a pure rotation, M15 section 6.1; test_problem

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from sphere_nav.estimation.robust import HUBER
-
 
 @dataclass(frozen=True, kw_only=True)
 class PyramidParams:
@@ -24,8 +22,6 @@ class RegistrationParams:
 
     pyramid: PyramidParams = field(default_factory=PyramidParams)
     max_pixels: int = 60_000  # best pixels used at a level, all references together
-    huber: float = HUBER  # residual, in standard deviations, beyond which weights fall (eq. 34)
-    min_sigma: float = 1.0  # grey level, smallest standard deviation assumed for the residual
     max_iterations_coarse: int = 20  # iterations at the coarser levels
     max_iterations_fine: int = 8  # iterations at the finest level
     min_step: float = 0.02  # px, image motion of an increment below which a level is done

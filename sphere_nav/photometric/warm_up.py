@@ -32,7 +32,7 @@ def warm_up() -> None:
         pyramid = build_pyramid(one, CAMERA, params.pyramid)
         register(pyramid, [view], SE3.identity(), params)
         register_rotation(pyramid, pyramid, params)
-        correlation_after_turn(pyramid.levels[0], pyramid.levels[0], np.eye(3))
+        correlation_after_turn(pyramid, pyramid, np.eye(3))
         images = [RigImage(pyramid, SE3.identity(), (view,))]
         register_rig((MAX_VIEWS + 1) * images, SE3.identity(), params)
         found = register_rig(images, SE3.identity(), params)

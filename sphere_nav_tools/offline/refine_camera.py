@@ -12,6 +12,7 @@ import yaml
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
+from dense_localizer.references.likeness import Sight
 from rig_calibration.drive.drive_image import DriveImage, collect
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
@@ -100,9 +101,9 @@ class RecordedDrive:
             if twist is None:
                 continue
             T_map_camera = located.T_map_body[index]
-            choice = localizer.references.choose(T_map_camera, camera)
+            pyramid = build_pyramid(to_gray_bytes(image), camera, localizer.params.registration.pyramid)
+            choice = localizer.references.choose(Sight(pyramid.levels[-1], T_map_camera), camera)
             if choice.views:
-                pyramid = build_pyramid(to_gray_bytes(image), camera, localizer.params.registration.pyramid)
                 yield collect(pyramid, choice.views[0], T_map_camera, twist)
 
 

@@ -259,7 +259,8 @@ def test_a_meter_errs_as_the_edges_say():
 def test_drift_is_as_large_as_that_of_random_maps():
     poses = [SE3.from_planar(1.0 * k, 0.05 * k * k, 0.1 * k) for k in range(9)]
     drift, rng = MapDrift(graph_of(poses)), np.random.default_rng(2)
-    drift.start(poses[0])
+    drift.reset()
+    drift.propagate(poses[0])
     for pose in poses[1:]:
         drift.propagate(pose)
     steps, sigma = [a.inverse() @ b for a, b in pairwise(poses)], np.sqrt(drift.per_meter)
@@ -272,12 +273,14 @@ def test_drift_is_as_large_as_that_of_random_maps():
 
 def test_standing_still_adds_nothing_and_a_start_forgets():
     drift = MapDrift(graph_of([SE3.identity(), SE3.from_planar(1.0, 0.0, 0.0)]))
-    drift.start(SE3.identity())
+    drift.reset()
+    drift.propagate(SE3.identity())
     drift.propagate(SE3.from_planar(3.0, 0.0, 0.0))
     before = drift.covariance
     for _ in range(5):
         drift.propagate(SE3.from_planar(3.0, 0.0, 0.0))
     np.testing.assert_array_equal(drift.covariance, before)
     assert before[0, 0] > 0.0
-    drift.start(SE3.identity())
+    drift.reset()
+    drift.propagate(SE3.identity())
     assert not drift.covariance.any()

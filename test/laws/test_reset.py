@@ -20,7 +20,6 @@ from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams, PriorParams
-from dense_localizer.references.likeness import ExperienceChoice
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
@@ -102,7 +101,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Drives": (lambda: Drives(0.5, 1.0), "reset", ""),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3, 0.6), "reset",
                  "grid max_chance chance_sigma"),
-    "ExperienceChoice": (lambda: ExperienceChoice(None), "reset", "coarse"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
                "waypoints way params offsets"),
     "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
@@ -138,7 +136,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
                      "names slack_s slack_ns deadline_ns is_ready num_first"),
     "TransformTree": (transform_tree, "clear", ""),  # what does not move holds at any time
-    "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params"),
+    "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params without_hidden"),
     "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),
 }  # fmt: skip
 # Parts of the above that have no reset of their own.

@@ -6,7 +6,7 @@ How many pixels count as one independent observation, measured by how differentl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,11 @@ class Alignment:
     biases: tuple[float, ...]
 
     @property
+    def light(self) -> Array:
+        """Gain and bias (views, 2) of each reference."""
+        return np.column_stack([self.gains, self.biases])
+
+    @property
     def is_converged(self) -> bool:
         """Whether the result may be used."""
         return self.reason == GOOD
@@ -81,33 +86,34 @@ def classify(
     """
     state = descent.state
     num_pixels = sum(view.num_visible for view in found)
-    if num_pixels < params.min_pixels or overlap < params.min_overlap:
-        return _refuse(state, LOW_OVERLAP, iterations, num_pixels, overlap)
-    mad = sum(view.mad * view.num_visible for view in found) / num_pixels
-    correlated = correlated_pixels(found, params.correlated_pixels)
-    covariance, condition = _covariance(normal_matrix(found), correlated * known)
-    reason = GOOD
-    if condition > params.max_condition:
-        reason = LOW_TEXTURE
-    elif descent.motion > STUCK * params.min_step:
-        reason = NO_CONVERGENCE
-    elif mad > params.max_mad:
-        reason = OUTLIERS
-    if reason != LOW_TEXTURE:
-        covariance = covariance * correlated
-    return Alignment(
+    nothing = Alignment(
         T_world_camera=state.T_world_body.orthonormal(),  # the first guess was a product of many
-        covariance=covariance if reason != LOW_TEXTURE else UNKNOWN,
-        reason=reason,
+        covariance=UNKNOWN,
+        reason=LOW_OVERLAP,
         iterations=iterations,
         num_pixels=num_pixels,
         overlap=overlap,
-        inlier_share=sum(view.num_inliers for view in found) / num_pixels,
-        mad=mad,
-        ncc=_correlation(found, state),
+        inlier_share=0.0,
+        mad=0.0,
+        ncc=0.0,
         gains=tuple(state.light[:, 0].tolist()),
         biases=tuple(state.light[:, 1].tolist()),
     )
+    if num_pixels < params.min_pixels or overlap < params.min_overlap:
+        return nothing
+    mad = sum(view.mad * view.num_visible for view in found) / num_pixels
+    inlier_share = sum(view.num_inliers for view in found) / num_pixels
+    compared = replace(nothing, inlier_share=inlier_share, mad=mad, ncc=_correlation(found, state))
+    correlated = correlated_pixels(found, params.correlated_pixels)
+    covariance, condition = _covariance(normal_matrix(found), correlated * known)
+    if condition > params.max_condition:
+        return replace(compared, reason=LOW_TEXTURE)
+    reason = GOOD
+    if descent.motion > STUCK * params.min_step:
+        reason = NO_CONVERGENCE
+    elif mad > params.max_mad:
+        reason = OUTLIERS
+    return replace(compared, reason=reason, covariance=covariance * correlated)
 
 
 def normal_matrix(found: Sequence[ViewComparison]) -> Array:
@@ -119,12 +125,6 @@ def normal_matrix(found: Sequence[ViewComparison]) -> Array:
         kernels.to_body_tangent(view.T_body_reference, h, q)
         kernels.join_view(index, h, q, view.sigma, H, g)
     return H
-
-
-def _refuse(state: AlignmentState, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
-    gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
-    pose = state.T_world_body.orthonormal()
-    return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
 
 
 def _covariance(H: Array, known: Array) -> tuple[Array, float]:

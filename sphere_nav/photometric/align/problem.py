@@ -12,18 +12,22 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
+from sphere_nav.estimation.robust import HUBER
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.projection import KernelCamera, rolling
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.constants import MIN_SIGMA
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.photometric.pixels.reference import Selection
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
 MAX_VIEWS, MANY_VIEWS = 4, 24  # of an image; of several, or a multiple: kernels are compiled for each such number
+
+ROBUST = HUBER, MIN_SIGMA  # as kernels take it
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ class Problem:
         params, (facts, pieces) = self.params, self._room()
         scales = np.array([(one.level.camera.pixels_per_radian, one.selection.typical_range) for one in self.views])
         end = scales, (params.min_step, float(params.min_pixels)), limit, is_rotation
-        known = self._robust, self.expected.weighted(params.correlated_pixels)
+        known = ROBUST, self.expected.weighted(params.correlated_pixels)
         iterations, motion, is_determined = kernels.descend(
             self._views, T_world_body, light, *known, *end, facts, pieces
         )
@@ -134,7 +138,7 @@ class Problem:
     def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
         T_world_body = np.ascontiguousarray(state.T_world_body.matrix[:3])
-        H, g, visible = kernels.linearize(self._views, T_world_body, state.light, self._robust, *self._room())
+        H, g, visible = kernels.linearize(self._views, T_world_body, state.light, ROBUST, *self._room())
         return H, g, int(visible)
 
     def compare(self, state: AlignmentState) -> list[ViewComparison]:
@@ -143,7 +147,7 @@ class Problem:
         for index, (one, T_body_reference) in enumerate(zip(self.views, self._from_body(state), strict=True)):
             T = kernels.compose(one.T_camera_body, T_body_reference)
             image, light = (one.kernel_camera, one.level.samples), state.light[index].tolist()
-            kernels.examine(one.selection.blocks, T, *image, *light, *self._robust, facts[index], pieces[index])
+            kernels.examine(one.selection.blocks, T, *image, *light, *ROBUST, facts[index], pieces[index])
         return self._comparisons(state, facts, pieces)
 
     def _comparisons(self, state: AlignmentState, facts: Array, pieces: Array) -> list[ViewComparison]:
@@ -151,7 +155,7 @@ class Problem:
         found = []
         for index, T_body_reference in enumerate(self._from_body(state)):
             median, mad, num_visible, num_inliers, num_pieces, *_ = facts[index].tolist()
-            sigma = max(SIGMA_OF_MAD * mad, self.params.min_sigma)
+            sigma = max(SIGMA_OF_MAD * mad, MIN_SIGMA)
             sums = facts[index, kernels.SUM_REFERENCE :], pieces[index, : int(num_pieces)]
             counts = int(num_visible), int(num_inliers)
             found.append(ViewComparison(T_body_reference, median, mad, sigma, *counts, *sums))
@@ -177,10 +181,6 @@ class Problem:
         """Return room for the facts (N, NUM_FACTS) of the views and the sums of their pieces."""
         number = len(self.views)
         return np.empty((number, kernels.NUM_FACTS)), np.empty((number, kernels.NUM_PIECES, kernels.NUM_SUMS))
-
-    @property
-    def _robust(self) -> tuple[float, float]:
-        return self.params.huber, self.params.min_sigma
 
 
 def rows_of(T: SE3) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -17,7 +16,7 @@ from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import MIN_VIEW_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
+from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
 
 
@@ -36,31 +35,20 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     return descent.state.T_world_body if descent.is_determined else SE3.identity()
 
 
-def register_rig_rotation(
-    now: Sequence[RigImage], before: Sequence[RigImage], params: RegistrationParams | None = None
-) -> SE3 | None:
-    """Return T_before_now of the body of several cameras by the first that has both images; None where none has."""
-    earlier = {image.name: image for image in before}
-    for image in now:
-        if image.name in earlier:
-            T_before_now = register_rotation(image.pyramid, earlier[image.name].pyramid, params)
-            R = image.mount.rotation
-            return SE3.from_parts(R @ T_before_now.rotation @ R.T, np.zeros(3))
-    return None
-
-
-def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> float | None:
+def correlation_after_turn(now: Pyramid, before: Pyramid, R_before_now: Array) -> float | None:
     """Return the correlation -1...1 of an image with an earlier one of the same camera, turned; None for too little.
 
-    A few hundred pixels are compared: it takes less than a tenth of what `register_rotation` does.
+    A few hundred pixels of the coarsest level are compared: a tenth of the time that `register_rotation` takes.
     """
-    (rows, columns), rays = _sample(before.camera)
+    level, earlier = now.levels[-1], before.levels[-1]
+    (rows, columns), rays = _sample(earlier.camera)
     blocks = rays.copy()
-    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GRAY // SIDE] = before.image[rows, columns + before.pad]
+    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GRAY // SIDE] = earlier.image[rows, columns + earlier.pad]
     facts, pieces = np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
     T = np.zeros((3, 4))
     T[:, :3] = R_before_now.T
-    kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, 1.0, 1.0, facts, pieces)  # of all pixels alike
+    camera, image = level.kernel_camera, level.samples
+    kernels.examine(blocks, T, camera, image, 1.0, 0.0, 1.0, 1.0, facts, pieces)  # of all pixels alike
     number = facts[kernels.NUM_VISIBLE]
     if number < MIN_VIEW_PIXELS:
         return None

@@ -11,8 +11,7 @@ from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
-from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.constants import MIN_SIGMA, NUM_REWEIGHTINGS
 from sphere_nav.photometric.pixels.samples import CameraSamples
 
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
@@ -51,22 +50,20 @@ def linearize_samples(cameras: CameraSamples) -> LeastSquares | None:
     return J, residual, owner
 
 
-def solve_robustly(
-    J: Array, residual: Array, owner: NDArray[np.int64], params: RegistrationParams
-) -> tuple[Array, Array, Array]:
+def solve_robustly(J: Array, residual: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, Array]:
     """Return the step, the residuals (N,) after it, and their weights (N,)."""
     remaining = residual
     for _ in range(NUM_REWEIGHTINGS):
-        weight = _weights(remaining, owner, params)
+        weight = _weights(remaining, owner)
         x = weighted_step(J, residual, weight)
         remaining = residual + J @ x
     return x, remaining, weight
 
 
-def _weights(residual: Array, owner: NDArray[np.int64], params: RegistrationParams) -> Array:
+def _weights(residual: Array, owner: NDArray[np.int64]) -> Array:
     """Return Huber's weights (N,) by the scatter of each view."""
     weight = np.empty(len(residual))
     for index in np.unique(owner):
         own = owner == index
-        weight[own], _ = weigh(residual[own], params.huber, params.min_sigma)
+        weight[own], _ = weigh(residual[own], MIN_SIGMA)
     return weight

@@ -26,7 +26,6 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import LeastSquares
-from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,
@@ -38,12 +37,12 @@ from sphere_nav.photometric.constants import (
     MAX_LENS_STEP,
     MIN_CELL_PIXELS,
     MIN_LENS_CELLS,
+    MIN_SIGMA,
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.pixels.pyramid import magnify
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, sample_images
 
-POSE = 6  # columns of a pose
 LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
 
 
@@ -104,23 +103,24 @@ def measure_stretches(
     motion: FrameMotion | None = None,
 ) -> list[Stretch]:
     """Return the stretch of each camera, to first order; none of whole spheres, or of few cells."""
-    seen = [(one.mount, sample) for one, sample in sample_images(images, alignment, params, motion)]
+    sampled = sample_images(images, alignment.T_world_camera, alignment.light, params, motion)
+    seen = [(one.mount, sample) for one, sample in sampled]
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
-    return solve_stretches(seen, lenses, params)
+    return solve_stretches(seen, lenses)
 
 
-def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str], params: RegistrationParams) -> list[Stretch]:
+def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> list[Stretch]:
     """Return the stretch of the cameras that have a lens, named by their place; none where too few cells are seen."""
-    column, parts = {k: POSE + number for number, k in enumerate(lenses)}, []
+    column, parts = {k: 6 + number for number, k in enumerate(lenses)}, []
     for k, (place, every) in enumerate(cameras):
         turn = place.inverse().adjoint()
         for view in np.unique(every.view):
             sample = every.where(every.view == view)
-            J = np.zeros((len(sample), POSE + len(lenses)))
-            J[:, :POSE] = sample.by_pose @ turn
+            J = np.zeros((len(sample), 6 + len(lenses)))
+            J[:, :6] = sample.by_pose @ turn
             if k in column:
                 J[:, column[k]] = sample.by_stretch
-            parts.append(_without_light(sample, J, params))
+            parts.append(_without_light(sample, J))
     if not parts:
         return []
     J, residual = (np.concatenate([part[which] for part in parts]) for which in (0, 1))
@@ -129,16 +129,16 @@ def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str], params: R
         return []
     x = np.zeros(J.shape[1])
     for _ in range(LENS_REWEIGHTINGS):
-        weight, _ = weigh(residual + J @ x, params.huber, params.min_sigma)
+        weight, _ = weigh(residual + J @ x, MIN_SIGMA)
         inverse = scaled_inverse((weight[:, None] * J).T @ J)
         x = -inverse @ (J.T @ (weight * residual))
     gradients = (weight * (residual + J @ x))[:, None] * J
     sigma = np.sqrt(np.diagonal(clustered_covariance(inverse, gradients, cells, len(x))))
-    by_share = inverse[:POSE, POSE:] @ np.linalg.inv(inverse[POSE:, POSE:])
-    return [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - POSE]) for k, own in column.items()]
+    by_share = inverse[:6, 6:] @ np.linalg.inv(inverse[6:, 6:])
+    return [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - 6]) for k, own in column.items()]
 
 
-def _without_light(sample: Sample, J: Array, params: RegistrationParams) -> LeastSquares:
+def _without_light(sample: Sample, J: Array) -> LeastSquares:
     """Return derivatives and residuals of the pixels without what the light of their cells explains, and the cells.
 
     That is a gain, a bias and its slopes, in each cell on its own.
@@ -151,7 +151,7 @@ def _without_light(sample: Sample, J: Array, params: RegistrationParams) -> Leas
     rows = np.column_stack([J, sample.residual])[order]
     if not len(order):
         return rows[:, :-1], rows[:, -1], number[order]
-    weight, _ = weigh(sample.residual, params.huber, params.min_sigma)
+    weight, _ = weigh(sample.residual, MIN_SIGMA)
     light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(number)), place - corner - 0.5])[order]
     number, weighted = number[order], weight[order, None] * light
     first = np.flatnonzero(np.diff(number, prepend=-1))

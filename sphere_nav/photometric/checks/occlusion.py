@@ -30,13 +30,10 @@ from sphere_nav.photometric.constants import (
     MIN_VISIBLE_SHARE,
     OCCLUSION_SHARE,
 )
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cell_of, cosines_by_cell
 
 
-def find_occlusion_bias(
-    sampler: Sampler, cameras: CameraSamples, T_world_body: SE3, params: RegistrationParams
-) -> PoseBias:
+def find_occlusion_bias(sampler: Sampler, cameras: CameraSamples, T_world_body: SE3) -> PoseBias:
     """Return the bias at an aligned pose; where a part is occluded, sample pixels anew on the way to the one without.
 
     The share is that of the texture, of the references or of the image, in cells that do not agree: a pale wall has
@@ -50,7 +47,7 @@ def find_occlusion_bias(
         )
         if problem is None:
             break
-        step = solve_robustly(*problem, params)[0][:6]
+        step = solve_robustly(*problem)[0][:6]
         T_bias = T_bias @ SE3.exp(step)
         if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break

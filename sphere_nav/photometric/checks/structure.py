@@ -7,7 +7,7 @@ use a few thousand pixels, together or one after the other in different images.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Flag, auto
 
@@ -16,14 +16,14 @@ import numpy as np
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY
 from sphere_nav.photometric.align.judgement import Alignment
-from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import NO_BIAS, PoseBias
 from sphere_nav.photometric.checks.occlusion import find_occlusion_bias
 from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.votes import finest_levels, vote
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines, sample_views
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, cosines, sample_images
 
 
 class Aspect(Flag):
@@ -68,33 +68,21 @@ def find_rig_structure(
     """
 
     def sample_at(T_world_body: SE3) -> CameraSamples:
-        there = sample_images(images, replace(alignment, T_world_camera=T_world_body), params, motion)
+        there = sample_images(images, T_world_body, alignment.light, params, motion)
         return [(one.mount, sample.of_views(MIN_SAMPLES)) for one, sample in there]
 
-    sampler: Sampler = sample_at
-    pose = alignment.T_world_camera
-    cameras = sampler(pose)
+    levels, pose = finest_levels(images, params), alignment.T_world_camera
+    cameras = sample_at(pose)
     is_asked = Aspect.FIT in aspects
     found = Structure(float(np.mean([_agreement(sample) for _, sample in cameras]))) if is_asked else Structure()
     if is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
-        support = find_support(images, sampler, pose, params, T_predicted)
+        support = find_support(levels, sample_at, pose, T_predicted)
         found = replace(found, support=support, chance=support.chance)
     elif Aspect.PLACE in aspects:
-        found = replace(found, chance=vote(finest_levels(images, params), cameras).chance)
+        found = replace(found, chance=vote(levels, cameras).chance)
     if found.support.is_proven or Aspect.OCCLUSION not in aspects:
         return found
-    return replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
-
-
-def sample_images(
-    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None
-) -> Iterator[tuple[RigImage, Sample]]:
-    """Yield each image of an alignment of `register_rig` with pixels of its views."""
-    first, share = 0, share_pixels(params, len(images))
-    light = np.column_stack([alignment.gains, alignment.biases])
-    for image in images:
-        own, first = light[first : first + len(image.views)], first + len(image.views)
-        yield image, sample_views(image, image.pose(alignment.T_world_camera), own, share, image.motion(motion))
+    return replace(found, occlusion=find_occlusion_bias(sample_at, cameras, pose))
 
 
 def _agreement(sample: Sample) -> float:

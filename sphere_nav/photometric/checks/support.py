@@ -20,7 +20,6 @@ from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.judgement import UNKNOWN
-from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import linearize_samples, solve_robustly
 from sphere_nav.photometric.constants import (
     BIAS_STEPS,
@@ -28,9 +27,8 @@ from sphere_nav.photometric.constants import (
     MAX_PREDICTED_CHANCE,
     NUM_TRIED_MOTIONS,
 )
-from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import finest_levels, vote
+from sphere_nav.photometric.parts.votes import vote
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.photometric.pixels.samples import Sampler
 
@@ -58,11 +56,7 @@ NO_SUPPORT = Support()
 
 
 def find_support(
-    images: Sequence[RigImage],
-    sampler: Sampler,
-    T_world_body: SE3,
-    params: RegistrationParams,
-    T_predicted: SE3 | None = None,
+    levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, T_predicted: SE3 | None = None
 ) -> Support:
     """Return the support of an aligned pose; where it is not proven, that of a predicted one, which may be.
 
@@ -70,38 +64,35 @@ def find_support(
     prediction is asked as it is, and moved as most cells are shifted. It needs a smaller chance, as the alignment
     speaks against it. Either way the pose is the one that the agreeing cells find from there.
     """
-    levels = finest_levels(images, params)
-    aligned = _follow(levels, sampler, T_world_body, params)
+    aligned = _follow(levels, sampler, T_world_body)
     if aligned.is_proven or T_predicted is None:
         return aligned
-    for start, num_tries in _predictions(images, sampler, params, T_predicted):
-        found = _follow(levels, sampler, start, params)
+    for start, num_tries in _predictions(levels, sampler, T_predicted):
+        found = _follow(levels, sampler, start)
         if found.chance * num_tries <= MAX_PREDICTED_CHANCE:
             return replace(found, xi=(T_world_body.inverse() @ start @ SE3.exp(found.xi)).log())
     return aligned
 
 
-def _predictions(
-    images: Sequence[RigImage], sampler: Sampler, params: RegistrationParams, T_predicted: SE3
-) -> Iterator[tuple[SE3, int]]:
+def _predictions(levels: Sequence[Level], sampler: Sampler, T_predicted: SE3) -> Iterator[tuple[SE3, int]]:
     """Yield poses from a prediction: as it is, as most cells are shifted.
 
     With each, how many motions were tried to find it.
     """
     yield T_predicted, 1
-    xi = fit_motion(vote(finest_levels(images, params), sampler(T_predicted)).shifts)
+    xi = fit_motion(vote(levels, sampler(T_predicted)).shifts)
     if xi is not None:
         yield T_predicted @ SE3.exp(xi), NUM_TRIED_MOTIONS
 
 
-def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params: RegistrationParams) -> Support:
+def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3) -> Support:
     """Return the support of the pose that the agreeing cells find; pixels are sampled anew after each step."""
     T_step, votes, covariance = SE3.identity(), vote(levels, sampler(T_world_body)), NO_SUPPORT.covariance
     for _ in range(BIAS_STEPS):
         problem = linearize_samples(votes.kept) if votes.chance <= MAX_CHANCE else None
         if problem is None:
             break
-        step, remaining, weight = solve_robustly(*problem, params)
+        step, remaining, weight = solve_robustly(*problem)
         J = problem[0]
         inverse, gradients = scaled_inverse((weight[:, None] * J).T @ J), (weight * remaining)[:, None] * J
         covariance = clustered_covariance(inverse, gradients, votes.owner, J.shape[1])[:6, :6]

@@ -14,7 +14,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import (
     MIN_PART_SAMPLES,
     MIN_PARTS_SIDE,
@@ -24,21 +24,19 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import finest_levels, vote
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler, sample_views
+from sphere_nav.photometric.parts.votes import Votes, finest_levels, vote
+from sphere_nav.photometric.pixels.samples import sample_images
 
 
 @dataclass(frozen=True, eq=False)
 class PartsAlignment:
-    """T_world_body, its covariance (6, 6), how many cells there are and agree, and the chance of as many.
+    """T_world_body, its covariance (6, 6), and the chance of as many agreeing cells in a wrong place.
 
-    `chance` is that of a wrong place, all motions counted that were tried.
+    All motions that were tried are counted in it.
     """
 
     T_world_body: SE3
     covariance: Array
-    num_cells: int
-    num_agreeing: int
     chance: float
 
 
@@ -66,14 +64,14 @@ def _descend(
     for level in reversed(levels):
         own = between(params, finest=level)
         for _ in range(PART_ROUNDS):
-            xi = fit_motion(vote(finest_levels(images, own), _sampler(images, own)(T_world_body)).shifts)
+            xi = fit_motion(_vote(images, own, T_world_body).shifts)
             if xi is None:
                 break
             T_world_body = T_world_body @ SE3.exp(xi)
-    votes = vote(finest_levels(images, params), _sampler(images, params)(T_world_body))
+    votes = _vote(images, params, T_world_body)
     covariance = motion_covariance(votes.shifts)
     chance = min(votes.chance * NUM_TRIED_MOTIONS * num_begun, 1.0)
-    return PartsAlignment(T_world_body, covariance, votes.num_cells, votes.num_agreeing, chance)
+    return PartsAlignment(T_world_body, covariance, chance)
 
 
 def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[int]:
@@ -85,16 +83,8 @@ def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> li
     return wide or [min(finest, coarsest)]
 
 
-def _sampler(images: Sequence[RigImage], params: RegistrationParams) -> Sampler:
-    """Return what samples the pixels of images at a pose; light is not asked."""
-    share = share_pixels(params, len(images))
-
-    def sample_at(T_world_body: SE3) -> CameraSamples:
-        found = []
-        for image in images:
-            light = np.tile([1.0, 0.0], (len(image.views), 1))
-            sample = sample_views(image, image.pose(T_world_body), light, share, None)
-            found.append((image.mount, sample.of_views(MIN_PART_SAMPLES)))
-        return found
-
-    return sample_at
+def _vote(images: Sequence[RigImage], params: RegistrationParams, T_world_body: SE3) -> Votes:
+    """Return how the cells of images agree at a pose; light is not asked."""
+    light = np.tile([1.0, 0.0], (sum(len(image.views) for image in images), 1))
+    sampled = sample_images(images, T_world_body, light, params)
+    return vote(finest_levels(images, params), [(one.mount, own.of_views(MIN_PART_SAMPLES)) for one, own in sampled])

@@ -91,7 +91,15 @@ class Votes:
     @cached_property
     def shifts(self) -> Shifts:
         """How far the cells of all images are shifted, by what was looked at for the votes."""
-        return _join_shifts(self.looks, self.cameras)
+        shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
+        for found, (place, sample) in zip(self.looks, self.cameras, strict=True):
+            J = np.concatenate([-found.by_point, found.by_point @ hat(sample.points)], axis=-1)  # of exp(-xi) p
+            mean = np.zeros((COLUMNS * ROWS, 2, 6))
+            np.add.at(mean, found.cell, np.nan_to_num(J))
+            mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
+            shifts.append(found.shift[found.is_known])
+            by_pose.append((mean @ place.inverse().adjoint())[found.is_known])
+        return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
     @property
     def chance(self) -> float:
@@ -113,19 +121,6 @@ def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
     num_cells = sum(int(found.is_known.sum()) for found in looks)
     num_agreeing = sum(int(found.agrees.sum()) for found in looks)
     return Votes(num_cells, num_agreeing, looks, cameras)
-
-
-def _join_shifts(looks: Sequence[_Looked], cameras: CameraSamples) -> Shifts:
-    shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
-    for found, (place, sample) in zip(looks, cameras, strict=True):
-        J = np.concatenate([-found.by_point, found.by_point @ hat(sample.points)], axis=-1)  # of exp(-xi) p
-        mean = np.zeros((COLUMNS * ROWS, 2, 6))
-        np.add.at(mean, found.cell, np.nan_to_num(J))
-        mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
-        mean = mean @ place.inverse().adjoint()
-        shifts.append(found.shift[found.is_known])
-        by_pose.append(mean[found.is_known])
-    return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
 
 def _look(level: Level, sample: Sample) -> _Looked:

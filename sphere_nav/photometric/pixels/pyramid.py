@@ -61,11 +61,12 @@ class Level:
         return kernel_camera(self.camera)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pyramid:
-    """Levels from full size to coarsest."""
+    """Levels from full size to coarsest; of one with hidden cells `whole` is what it was before."""
 
     levels: tuple[Level, ...]
+    whole: Pyramid | None = None
 
     @property
     def images(self) -> tuple[Image, ...]:
@@ -114,7 +115,7 @@ def hide(pyramid: Pyramid, is_hidden: NDArray[np.bool_]) -> Pyramid:
         cell = np.ix_(np.arange(height) * rows // height, np.arange(width) * columns // width)
         image = np.where(is_hidden[cell], np.float32(np.nan), level.unpadded).astype(np.float32, copy=False)
         levels.append(Level(_pad(image, level.pad), level.camera, level.pad))
-    return Pyramid(tuple(levels))
+    return Pyramid(tuple(levels), pyramid)
 
 
 def magnify(pyramid: Pyramid, factor: float) -> Pyramid:

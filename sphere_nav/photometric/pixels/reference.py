@@ -30,17 +30,13 @@ from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, halve, level_cameras, pad_of
 from sphere_nav.photometric.pixels.squares import Seen, Squares, Steps
 
-ROWS = 64  # that are looked at at once
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
 
 
 def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
     """Forget the ranges (H, W), codes of `kernels.encode_range`, of pixels that a sphere is not sampled at."""
     if isinstance(camera, Spherical):
-        is_kept = is_spaced(camera).view(np.uint8)
-        for row in range(0, len(ranges), ROWS):
-            unknown = np.subtract(is_kept[row : row + ROWS], 1, dtype=np.uint16)  # 0 - 1 is all bits: UNKNOWN
-            ranges[row : row + ROWS] |= unknown
+        ranges |= np.subtract(is_spaced(camera).view(np.uint8), 1, dtype=np.uint16)  # 0 - 1 is all bits: UNKNOWN
 
 
 @lru_cache(maxsize=16)

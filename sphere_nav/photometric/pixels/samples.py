@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level
@@ -103,6 +103,20 @@ def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
     """Return in which cell (columns, rows) of the image each pixel (N,) is, row by row."""
     column, row = np.clip((0.5 * (sample.at + 1.0) * cells).astype(np.int64), 0, np.array(cells) - 1).T
     return row * cells[0] + column
+
+
+def sample_images(
+    images: Sequence[RigImage],
+    T_world_body: SE3,
+    light: Array,
+    params: RegistrationParams,
+    motion: FrameMotion | None = None,
+) -> Iterator[tuple[RigImage, Sample]]:
+    """Yield each image of one body with pixels of its views; light (views of all, 2) are their gains and biases."""
+    first, share = 0, share_pixels(params, len(images))
+    for image in images:
+        own, first = light[first : first + len(image.views)], first + len(image.views)
+        yield image, sample_views(image, image.pose(T_world_body), own, share, image.motion(motion))
 
 
 def sample_views(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dense_localizer.references.coarse_reference import CoarseReference, CoarseReferences
+from dense_localizer.references.coarse_reference import NUM_PREPARED, CoarseReferences
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.spheres.sphere import Sphere
@@ -20,13 +20,14 @@ def sphere_of(range_m):
 
 
 def test_the_median_range_tells_how_far_before_and_behind_a_camera_is_looked_for():
-    near, bare = (CoarseReference.load_from(lambda r=r: sphere_of(r), PARAMS) for r in (4.0, np.inf))
+    references = CoarseReferences({0: sphere_of(4.0), 1: sphere_of(np.inf)}, PARAMS)
+    near, bare = references[0], references[1]
     assert (near.typical_range_m, near.step_m) == (4.0, pytest.approx(FORWARD_STEP * 4.0))
     assert (bare.typical_range_m, bare.step_m) == (np.inf, 0.0)
-    np.testing.assert_allclose(np.linalg.norm(near.points, axis=1), 4.0, rtol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(references.points(0), axis=1), 4.0, rtol=1e-3)
 
 
-def test_a_sphere_is_read_when_it_is_first_needed_and_made_again_when_it_was_forgotten():
+def test_a_sphere_is_read_when_it_is_first_needed_and_made_again_when_so_many_others_were_made_since():
     read = []
 
     class Spheres(dict):
@@ -38,6 +39,7 @@ def test_a_sphere_is_read_when_it_is_first_needed_and_made_again_when_it_was_for
     assert references[1].typical_range_m == pytest.approx(3.0)
     first = references.reference(1)
     assert references.reference(1) is first
-    references[1].forget()
+    for other in range(2, 2 + NUM_PREPARED):
+        assert set(read) == set(range(1, other))
+        references.reference(other)
     assert references.reference(1) is not first
-    assert set(read) == {1}

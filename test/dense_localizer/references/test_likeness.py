@@ -45,7 +45,7 @@ def sight(experience, x, is_followed=True):
 def test_references_are_of_the_experience_that_looks_like_the_image(days):
     references = References(days, PARAMS)
     for tens, experience in enumerate((DAY, NIGHT, SNOW)):
-        chosen = references.choose(at(0.25), PINHOLE, sight=sight(experience, 0.25, is_followed=False))
+        chosen = references.choose(sight(experience, 0.25, is_followed=False), PINHOLE)
         assert [one // 10 for one in chosen.ids] == [tens, tens]
 
 
@@ -61,7 +61,7 @@ def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it():
     for k, room in enumerate(rooms.values()):
         image = relit(room.photograph(PINHOLE, at(0.25), 0), 0)
         seen = Sight(build_pyramid(image, PINHOLE).levels[-1], at(0.25), is_followed=False)
-        assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10 * k + 1, 10 * k + 2)  # ahead
+        assert references.choose(seen, PINHOLE).ids == (10 * k + 1, 10 * k + 2)  # ahead
     references.close()
 
 
@@ -72,12 +72,12 @@ class Scripted(ExperienceChoice):
         super().__init__(None)
         self.grays = {}
 
-    def look(self, is_followed=True, **likeness):
+    def look(self, is_followed=True, instead_of=(), **likeness):
         """Return the choice, which explains the image."""
         self._likeness = {Experience(name): value for name, value in likeness.items()}
         reach = {one: replace(NODE, id=DRIVES.index(one.name), experience=one) for one in self._likeness}
-        self.adopt(chosen := self.choose(reach, Sight(None, None, is_followed)))
-        return chosen.name
+        self.current = self.choose(reach, Sight(None, None, is_followed, instead_of))
+        return self.current.name
 
     def compare_edges(self, node, sight):
         return self._likeness[node.experience]
@@ -87,17 +87,26 @@ class Scripted(ExperienceChoice):
 
 
 NODE = KeySphere(0, 0, SE3.identity())
-DRIVES = ("day", "night")  # in their order
+DRIVES = ("day", "night", "snow")  # in their order
 
 
 def test_what_is_in_use_stays_until_another_experience_explains_an_image():
     choice = Scripted()
     assert choice.look(is_followed=False, day=0.5, night=0.6) == "night"
     assert choice.look(day=0.9, night=0.1) == "night"
-    choice.adopt(DAY)
+    choice.current = DAY
     assert choice.look(day=0.1, night=0.9) == "day"
     assert choice.look(night=0.1) == "night"  # no other within reach
     assert choice.look(is_followed=False, day=0.56, night=0.6) == "day"  # nearly alike: that of the first drive
+
+
+def test_of_those_that_were_not_tried_the_one_in_use_serves_else_the_one_most_alike():
+    choice, tried = Scripted(), {"day": 0.9, "night": 0.1, "snow": 0.5}
+    choice.current = NIGHT
+    assert choice.look(instead_of=(DAY,), **tried) == "night"
+    assert choice.look(instead_of=(DAY, NIGHT), **tried) == "snow"
+    choice.current = DAY
+    assert choice.look(instead_of=(DAY,), **tried) == "snow"
     assert choice.look(is_followed=False, day=0.54, night=0.6) == "night"
     for lead, expected in ((0.04, "day"), (0.06, "night")):  # alike by edges: grey levels
         choice.grays = {"night": 0.5 + lead}

@@ -99,7 +99,7 @@ def test_spheres_are_read_once_while_there_is_room():
     preparation.get(0)
     preparation.begin([3], lambda _: reader)  # the longest unused, 1, makes room
     preparation.get(3)
-    assert preparation.num_bytes == 30
+    assert sum(one.num_bytes for one in preparation._ready) == 30
     preparation.get(0)
     assert reader.read == [0, 1, 2, 3]
     preparation.get(1)

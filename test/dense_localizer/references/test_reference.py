@@ -7,6 +7,7 @@ import pytest
 from dense_localizer.judge.residual import residual_image
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
+from dense_localizer.references.likeness import Sight
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
@@ -22,7 +23,7 @@ WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking for
 
 
 def test_whole_spheres_are_chosen_by_distance_alone(room_map):
-    choice = References(room_map, PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
+    choice = References(room_map, PARAMS).choose(Sight(None, at(0.4, 0.0, 2.0)), PINHOLE)
     assert choice.ids == (2, 3)
     assert choice.distance_m == pytest.approx(0.4)
     assert 0.05 < choice.distance_ratio < 0.2  # walls at 3 m and more
@@ -32,7 +33,7 @@ def test_whole_spheres_are_chosen_by_distance_alone(room_map):
 def test_a_second_reference_serves_within_its_region(room_map, region_m, ids):
     """The second one is 0.6 m away; a region of 0 is not known, and the ranges stand in for it."""
     nodes = [replace(node, region_radius_m=region_m) for node in room_map.graph]
-    choice = References(MemoryMap(nodes), PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
+    choice = References(MemoryMap(nodes), PARAMS).choose(Sight(None, at(0.4, 0.0, 2.0)), PINHOLE)
     assert choice.ids == ids
     if region_m:
         assert choice.distance_ratio == pytest.approx(0.4 / region_m)
@@ -51,13 +52,13 @@ def test_whole_spheres_ahead_count_as_nearer_the_narrower_the_view(room_map, len
 def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):
     places = [SE3.from_planar(0.0, 0.0, np.pi), SE3.from_planar(0.5, 0.0, 0.0), SE3.from_planar(1.0, 0.0, 0.1)]
     references = References(make_map(room, places, WINDOW), PARAMS)
-    assert references.choose(at(0.1), PINHOLE).ids == (1, 2)
-    assert references.choose(at(0.1, 0.0, np.pi), PINHOLE).ids == (0,)
+    assert references.choose(Sight(None, at(0.1)), PINHOLE).ids == (1, 2)
+    assert references.choose(Sight(None, at(0.1, 0.0, np.pi)), PINHOLE).ids == (0,)
 
 
 def test_nothing_is_chosen_where_nothing_covers_the_view(room):
     references = References(make_map(room, [SE3.identity()], WINDOW), PARAMS)
-    choice = references.choose(at(0.0, 0.0, np.pi), PINHOLE)
+    choice = references.choose(Sight(None, at(0.0, 0.0, np.pi)), PINHOLE)
     assert (choice.ids, choice.views) == ((), ())
     image = RigImage(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE))
     candidate = locate([image], references, PARAMS, Prediction.guess(at(0.0, 0.0, np.pi)))
@@ -77,18 +78,22 @@ def test_a_live_camera_never_waits_for_a_sphere(room):
 
     sphere_map = SlowMap(list(make_map(room, [SE3.from_planar(0.5 * k, 0.0, 0.0) for k in range(4)]).graph))
     references = References(sphere_map, PARAMS, is_live=True)
-    choice = references.choose(at(0.0), AROUND, is_followed=True)  # nothing is there: the small one of the nearest
+    choice = references.choose(
+        Sight(None, at(0.0), is_followed=True), AROUND
+    )  # nothing is there: the small one of the nearest
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width < 512
     references._spheres.get(0)
     references.prefetch(at(0.0), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
-    choice = references.choose(at(1.0), AROUND, is_followed=True)  # what is there, though others are nearer
+    choice = references.choose(
+        Sight(None, at(1.0), is_followed=True), AROUND
+    )  # what is there, though others are nearer
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width == 512
     assert choice.distance_m == pytest.approx(1.0)
     sphere_map.is_open.set()
-    assert references.choose(at(0.95), AROUND).ids == (2, 1)  # whoever is not followed waits
-    assert references.choose(at(0.95), AROUND, is_followed=True).ids == (2, 1)
+    assert references.choose(Sight(None, at(0.95)), AROUND).ids == (2, 1)  # whoever is not followed waits
+    assert references.choose(Sight(None, at(0.95), is_followed=True), AROUND).ids == (2, 1)
 
 
 @pytest.mark.parametrize(

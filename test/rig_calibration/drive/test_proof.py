@@ -125,7 +125,7 @@ def test_a_readout_stays_between_none_and_its_limit():
 
 def test_a_pixel_that_becomes_an_outlier_makes_no_leap_in_likelihood(monkeypatch):
     before = np.tile([-1.0, 1.0, -1.0, 1.0, 10.0], 2 * proof.MIN_PIXELS)
-    sigma = weigh(before, proof.HUBER, proof.MIN_SIGMA)[1]
+    sigma = weigh(before, proof.MIN_SIGMA)[1]
     sides = [np.where(before > 2.0, share * proof.HUBER * sigma, before) for share in (1.001, 0.999)]
     monkeypatch.setattr(proof, "settle_image", lambda *_: sides.pop())
     lens = Lens.of(CAMERA)

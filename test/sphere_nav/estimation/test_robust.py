@@ -30,8 +30,8 @@ def test_both_constants_are_95_percent_efficient_for_normal_errors():
 
 def test_weigh_divides_by_the_variance_of_the_middle_half():
     residual = np.append(np.random.default_rng(6).normal(7.0, 3.0, 20_000), 1e4)
-    weight, sigma = weigh(residual, HUBER, 1.0)
+    weight, sigma = weigh(residual, 1.0)
     assert sigma == pytest.approx(3.0, rel=0.02)
     assert weight.max() == pytest.approx(1.0 / sigma**2)
     assert weight[-1] == pytest.approx(HUBER * sigma / (1e4 - np.median(residual)) / sigma**2)
-    assert weigh(np.zeros(9), HUBER, 0.5)[1] == 0.5
+    assert weigh(np.zeros(9), 0.5)[1] == 0.5

@@ -48,6 +48,9 @@ def test_two_images_in_the_wrong_order_or_stamps_that_do_not_agree_are_no_clock_
     stamps = [1 * SECOND, 3 * SECOND, 2 * SECOND, 4 * SECOND, 6 * SECOND, 5 * SECOND, 7 * SECOND]
     assert run(check, stamps) == ["", "", "BAD_STAMP", "", "", "BAD_STAMP", ""]
     check.reset()
+    between = [100 * SECOND, 50 * SECOND, 101 * SECOND, 51 * SECOND, 102 * SECOND, 52 * SECOND]
+    assert run(check, between) == ["", "BAD_STAMP"] * 3
+    check.reset()
     run(check, [100 * SECOND])
     apart = [50 * SECOND, 50 * SECOND, 50 * SECOND, 70 * SECOND, 30 * SECOND, 31 * SECOND]  # by nothing, or by 20 s
     assert run(check, apart) == ["BAD_STAMP"] * 6

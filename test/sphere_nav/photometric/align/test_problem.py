@@ -29,11 +29,12 @@ def cost(problem, T_world_camera):
     return 0.5 * view.pieces[:, RESIDUAL_SQUARED].sum()
 
 
-def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_tangent(room):
-    params = RegistrationParams(huber=1000.0)  # no pixel weighs less: the cost is a plain sum of squares
+def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_tangent(room, monkeypatch):
+    # no pixel weighs less: the cost is a plain sum of squares
+    monkeypatch.setattr("sphere_nav.photometric.align.problem.ROBUST", (1000.0, 1.0))
     image, range_m = room.render(CAMERA, T_WORLD_REFERENCE)
     smooth = cv2.GaussianBlur(image, (0, 0), 3.0)  # so that central differences are the derivative
-    problem = with_itself(smooth, range_m, params)
+    problem = with_itself(smooth, range_m, RegistrationParams())
     T_start = T_WORLD_REFERENCE @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
     H, g, _ = problem.linearize(AlignmentState.start(T_start, 1))
     (compared,) = problem.compare(AlignmentState.start(T_start, 1))
@@ -47,12 +48,11 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
 
 
 def test_an_image_compared_with_itself_has_no_residual(room):
-    params = RegistrationParams()
-    problem = with_itself(*room.render(CAMERA, T_WORLD_REFERENCE), params)
+    problem = with_itself(*room.render(CAMERA, T_WORLD_REFERENCE), RegistrationParams())
     (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
     # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
     assert abs(found.median) < 0.25
-    assert found.sigma == params.min_sigma
+    assert found.sigma == 1.0
     assert found.num_inliers == found.num_visible
     (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
     assert abs(brighter.median - 40.0) < 0.25
@@ -76,7 +76,7 @@ def test_images_correlate_after_the_turn_between_them(room):
     for camera in [CAMERA, Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, 0, 0, 0)), Spherical(256, 128)]:
         turn = SE3.exp([0, 0, 0, 0.01, np.deg2rad(8), -0.01])
         before, now = (
-            build_pyramid(room.render(camera, pose)[0], camera, PARAMS.pyramid).levels[-1]
+            build_pyramid(room.render(camera, pose)[0], camera, PARAMS.pyramid)
             for pose in (T_BODY_OPTICAL, T_BODY_OPTICAL @ turn)
         )
         right = correlation_after_turn(now, before, turn.rotation)
@@ -87,7 +87,7 @@ def test_images_correlate_after_the_turn_between_them(room):
 
 def test_images_that_share_little_or_show_nothing_do_not_correlate(room):
     image = room.render(CAMERA, T_BODY_OPTICAL)[0]
-    level = build_pyramid(image, CAMERA, PARAMS.pyramid).levels[-1]
-    even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid).levels[-1]
+    level = build_pyramid(image, CAMERA, PARAMS.pyramid)
+    even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid)
     assert correlation_after_turn(level, level, SE3.exp([0, 0, 0, 0, np.deg2rad(90), 0]).rotation) is None
     assert correlation_after_turn(level, even, np.eye(3)) is None

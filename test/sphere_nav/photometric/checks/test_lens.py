@@ -40,7 +40,7 @@ def joined(*samples):
 
 
 def solved(*samples):
-    (found,) = solve_stretches([(SE3.identity(), joined(*samples))], {0: ""}, PARAMS)
+    (found,) = solve_stretches([(SE3.identity(), joined(*samples))], {0: ""})
     return found
 
 
@@ -73,7 +73,7 @@ def test_each_camera_of_a_body_has_its_own():
     place = SE3.exp([0.3, 0.1, 0.0, 0.0, 1.0, 0.0])
     turned = place.inverse().adjoint() @ STEP  # of the body, seen by the second camera
     cameras = [(SE3.identity(), flow(1, 0.03)), (place, flow(2, -0.02, step=turned))]
-    left, right = solve_stretches(cameras, {0: "left", 1: "right"}, PARAMS)
+    left, right = solve_stretches(cameras, {0: "left", 1: "right"})
     assert (left.camera, right.camera) == ("left", "right")
     assert (left.share, right.share) == (pytest.approx(0.03, abs=0.003), pytest.approx(-0.02, abs=0.003))
 
@@ -81,7 +81,7 @@ def test_each_camera_of_a_body_has_its_own():
 def test_few_cells_tell_nothing():
     sample = flow(1)
     for most in (-0.6, -1.0):
-        assert solve_stretches([(SE3.identity(), sample.where(sample.at[:, 0] < most))], {0: ""}, PARAMS) == []
+        assert solve_stretches([(SE3.identity(), sample.where(sample.at[:, 0] < most))], {0: ""}) == []
 
 
 @pytest.fixture(scope="module")

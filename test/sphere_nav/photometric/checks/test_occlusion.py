@@ -63,7 +63,7 @@ def gradients(angle, strength, at):
 
 def share_of(sample):
     cameras = [(SE3.identity(), sample)]
-    return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
+    return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity()).share
 
 
 def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
@@ -107,7 +107,7 @@ def in_grid(cosine, where=None, step=SMALL_STEP):
 def found_of(sample):
     """Return the share, whether a bias was looked for, and how often pixels were sampled anew."""
     calls, cameras = [], [(SE3.identity(), sample)]
-    found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity(), PARAMS)
+    found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity())
     return found.share, bool(found.xi.any()), len(calls)
 
 

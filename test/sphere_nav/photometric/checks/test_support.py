@@ -8,10 +8,11 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure, sample_images
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.checks.support import find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
-from sphere_nav.photometric.pixels.samples import CameraSamples
+from sphere_nav.photometric.parts.votes import finest_levels
+from sphere_nav.photometric.pixels.samples import CameraSamples, sample_images
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
 from worlds.room import optical, views_of
 
@@ -33,13 +34,11 @@ class Looked:
         self.found = register(self.images[0].pyramid, views, TRUTH, PARAMS)
 
     def sample(self, T_world_camera) -> CameraSamples:
-        there = replace(self.found, T_world_camera=T_world_camera)
-        return [
-            (one.mount, found.of_views(MIN_SAMPLES)) for one, found in sample_images(self.images, there, PARAMS, None)
-        ]
+        sampled = sample_images(self.images, T_world_camera, self.found.light, PARAMS)
+        return [(one.mount, found.of_views(MIN_SAMPLES)) for one, found in sampled]
 
     def support(self, T_world_camera, T_predicted=None):
-        return find_support(self.images, self.sample, T_world_camera, PARAMS, T_predicted)
+        return find_support(finest_levels(self.images, PARAMS), self.sample, T_world_camera, T_predicted)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.parts.kernels import score_shifts
-from sphere_nav.photometric.parts.registration import _sampler
 from sphere_nav.photometric.parts.votes import Votes, finest_levels, vote
+from sphere_nav.photometric.pixels.samples import sample_images
 from worlds.parked import CAMERA, SPHERE, TRUTH, parked
 from worlds.room import views_of
 
@@ -35,7 +35,8 @@ def image(room):
 
 def looked(image, view, T_world_body, T_body_camera=None):
     images = [RigImage(image, T_body_camera, (view,))]
-    return finest_levels(images, PARAMS), _sampler(images, PARAMS)(T_world_body)
+    sampled = sample_images(images, T_world_body, np.array([[1.0, 0.0]]), PARAMS)
+    return finest_levels(images, PARAMS), [(one.mount, sample) for one, sample in sampled]
 
 
 @pytest.mark.parametrize("xi", [(0, 0, 0, 0.02, 0.0, 0), (0.1, 0, 0, 0, 0, 0), (0, 0, 0.15, 0, 0, 0)])
