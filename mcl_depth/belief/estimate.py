@@ -46,10 +46,6 @@ class Belief:
         """The likeliest place."""
         return self.hypotheses[0]
 
-    def curve(self) -> NDArray[np.float32]:
-        """Return the similarities (A,) of all headings at the likeliest place."""
-        return self.comparison.curves(self.best.pose[None, :2])[0]
-
 
 @dataclass(frozen=True)
 class Estimate:
