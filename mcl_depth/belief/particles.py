@@ -42,9 +42,7 @@ class Particles:
 
     def reweight(self, weights: Array) -> Particles:
         """Return the same particles, one image older, with weights scaled to sum 1."""
-        total = float(weights.sum())
-        share = weights / total if total > 0.0 else np.full(len(self), 1.0 / len(self))
-        return replace(self, weights=share, ages=self.ages + 1)
+        return replace(self, weights=weights / weights.sum(), ages=self.ages + 1)
 
     def select(self, indices: NDArray[np.int64]) -> Particles:
         """Return copies of the particles with these indices, of one weight."""

@@ -58,7 +58,7 @@ class RouteNavigator(ManagedNode):
         self.network = read_network(network_path(Path(p.network)))
         self.mission = Mission(self.network, p.mission, p.vehicle)
         self.folder = TemporaryDirectory(prefix="route_navigator_")  # of the way that is handed over
-        self.goals: list[tuple[ActionGoal, Any]] = []  # those of the mission, each with what makes its result
+        self.goal: tuple[ActionGoal, Any] | None = None  # that of the mission, and what makes its result
         self.said: tuple[Any, ...] = ()
         self.said_at, self.result = -1e9, ""
         self.shown = self.add_publisher("~/network", String, qos.LATCHED)
@@ -145,14 +145,14 @@ class RouteNavigator(ManagedNode):
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
         driven = self.mission.driven + self.mission.progress
-        self.finish_goals(Outcome(False, "replaced by a new goal", driven))
+        self.finish_goal(Outcome(False, "replaced by a new goal", driven))
         self.mission.begin(read(goal.request), self.now())
-        self.goals.append((goal, result))
+        self.goal = goal, result
         self.tell()
 
     def cancel_goal(self, goal: ActionGoal) -> None:
         """Stop, then end."""
-        if any(goal is own for own, _ in self.goals):
+        if self.goal is not None and self.goal[0] is goal:
             self.mission.cancel("canceled", self.now())
             self.go_on()
 
@@ -176,10 +176,11 @@ class RouteNavigator(ManagedNode):
             result.error_msg = outcome.reason
         return result
 
-    def finish_goals(self, outcome: Outcome) -> None:
-        """End the goals of the mission."""
-        while self.goals:
-            goal, result = self.goals.pop()
+    def finish_goal(self, outcome: Outcome) -> None:
+        """End the goal of the mission."""
+        if self.goal is not None:
+            goal, result = self.goal
+            self.goal = None
             goal.finish(result(outcome), success=outcome.success)
 
     # --- what goes out
@@ -191,10 +192,9 @@ class RouteNavigator(ManagedNode):
         if outcome is not None:
             self.result = outcome.reason
             (self.log.info if outcome.success else self.log.warning)(f"mission: {outcome.reason or 'arrived'}")
-            self.finish_goals(outcome)
-        for goal, result in self.goals:
-            if result == self._result:
-                goal.publish(told(Navigate.Feedback(), mission))
+            self.finish_goal(outcome)
+        if self.goal is not None and self.goal[1] == self._result:
+            self.goal[0].publish(told(Navigate.Feedback(), mission))
         self.tell()
 
     def go_on(self) -> None:
