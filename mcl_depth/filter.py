@@ -120,7 +120,7 @@ class Filter:
         self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
             self.particles = inject_at_places(self.particles, proof, self._rng)
-        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
+        belief = Belief(hypotheses[0], particles, comparison, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
     def _estimate(self, observation: Observation, finding: Verdict, belief: Belief | None = None) -> Estimate:
