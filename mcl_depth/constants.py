@@ -35,7 +35,6 @@ NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places
 # Hypotheses (belief/test_hypotheses)
 CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
 MAX_HYPOTHESES = 5  # places that are told
-MAX_LINEAGE = 5000  # images that are remembered; old ones have one particle left that has offspring
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted

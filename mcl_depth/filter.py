@@ -12,7 +12,7 @@ import numpy as np
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
+from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
@@ -43,7 +43,6 @@ class Filter:
         grid, chance_sigma = SurveyGrid(depth_map, area.middles), depth_map.likeness.chance_sigma
         self.evidence = Evidence(grid, params.state.max_chance, chance_sigma)
         self._states = StateMachine(params.state)
-        self.lineage = Lineage()
         self.particles: Particles
         self.reset()
 
@@ -116,13 +115,12 @@ class Filter:
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
         verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
-        particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
             self.particles = inject_at_places(self.particles, proof, self._rng)
-        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
+        belief = Belief(hypotheses[0], particles, comparison, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
     def _estimate(self, observation: Observation, finding: Verdict, belief: Belief | None = None) -> Estimate:
@@ -139,7 +137,6 @@ class Filter:
     def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
         """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""
         self.particles, self._p_chance = particles, 1.0
-        self.lineage.clear()
         self._reckoning.reset()
         self.odometry.forget()
         self.evidence.reset(is_given=is_given)

@@ -40,9 +40,9 @@ class Homing:
         self._offsets = sample_offsets(params.distance_step)
         self.restart()
 
-    def restart(self, waypoint: int = 0) -> None:
-        """Say that the vehicle is near a waypoint."""
-        self.next = min(waypoint, len(self.waypoints) - 1)
+    def restart(self) -> None:
+        """Say that the vehicle is near the first waypoint."""
+        self.next = 0
         self.is_finished = False
         self._places: deque[Array] = deque(maxlen=NUM_MEDIAN)
         self._leads: deque[float] = deque(maxlen=NUM_MEDIAN)

@@ -86,7 +86,7 @@ class Site:
     def prepare(self, at_most: int | None = None) -> float:
         """Make the depth images that every image is compared with, or at most so many; return the share that is there.
 
-        With `cache.folder` they are kept on the way: what was made once is read by the next site.
+        With `cache.folder` they are kept then: what was made once is read by the next site.
         """
         num_missing = self.depth_map.fill(self.places, at_most)
         if not num_missing:

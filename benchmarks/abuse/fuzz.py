@@ -25,10 +25,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from mcl_depth.geometry.files import read_geometry
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
-from path_follower.routes.mission import Mission
-from path_follower.routes.mission_file import read_mission
 from path_follower.routes.network_file import read_network
-from path_follower.routes.params import MissionParams
 from sphere_nav.geometry.files.foreign_rig import read_foreign_rig
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
@@ -107,11 +104,6 @@ def _readers(samples: Samples) -> Readers:
     def read_placed(path: Path) -> Any:
         return read_foreign_rig([path]).cameras
 
-    network = read_network(samples.routes)
-
-    def read_state(path: Path) -> Any:
-        read_mission(path, Mission(network, MissionParams(), params.vehicle), 0.0)
-
     readers: Readers = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
         "kalibr": (samples.kalibr, read_placed),
@@ -123,7 +115,6 @@ def _readers(samples: Samples) -> Readers:
         "pose": (samples.table, files.read_pose),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "routes": (samples.routes, read_network),
-        "mission": (samples.mission, read_state),
         "image png": (samples.png, files.read_image),
         "image jpg": (samples.jpg, files.read_image),
         "depth png": (samples.depth, files.read_meters),

@@ -11,13 +11,9 @@ from std_msgs.msg import Header, String
 
 from benchmarks.abuse.zoo_bags import mcap, ros1, ros2
 from benchmarks.room import motions
-from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.mission import FollowerView, Goal, Mission
-from path_follower.routes.mission_file import write_mission
 from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
-from path_follower.routes.params import MissionParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
@@ -91,13 +87,9 @@ class Samples:
         self.geometry = self._geometry()
         self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
         x = np.linspace(0.0, 6.0, 13)
-        self.routes, self.mission = folder / "routes.geojson", folder / "mission.json"
+        self.routes = folder / "routes.geojson"
         network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
         write_network(self.routes, network)
-        mission = Mission(network, MissionParams(), VehicleParams())
-        mission.see_follower(FollowerView("NO_PATH", 1))
-        mission.begin(Goal("home"), 0.0)
-        write_mission(self.mission, mission)
         self.spheres: dict[int, Sphere] = {}
         self.map = self._map()
         self.bag, self.plain_bag = self._bag()

@@ -89,7 +89,7 @@ def _routes_in(folder: Path) -> dict[str, Any]:
     if not (folder / "routes.geojson").exists():
         x = np.linspace(0.0, 20.0, 201)
         write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
-    return {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+    return {"network": str(folder / "routes.geojson")}
 
 
 CASES = (

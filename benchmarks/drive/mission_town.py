@@ -83,7 +83,7 @@ class Town:
         self.bus = OfflineBus(start_ns=1_000_000_000)
         cruise = {"speed.cruise": CRUISE, "enable_stamped_cmd_vel": True}
         self.follower = self.bus.add(PathFollowerNode, cruise)
-        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.memory": 60.0}
+        values = {"network": str(folder / "city.geojson"), "mission.memory": 60.0}
         self.navigator = self.bus.add(RouteNavigator, values | {"mission.cruise": CRUISE})
         self.shell = cast("OfflineShell", self.navigator.endpoints)
         mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")

@@ -68,7 +68,7 @@ def session(rule: str, count: int, draw: random.Random, folder: Path) -> list[tu
     path = write_straight(folder)
     with Processes(folder) as nodes:
         nodes.start("path_follower", {"trajectory": str(path), "safety.resume": rule})
-        nodes.start("route_navigator", {"network": str(folder / "routes.geojson"), "state": str(folder)})
+        nodes.start("route_navigator", {"network": str(folder / "routes.geojson")})
         vehicle = StoppedBase(path)
         try:
             trials = tqdm(range(count), desc=rule, unit="stop", mininterval=20.0)

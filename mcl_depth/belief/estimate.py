@@ -35,20 +35,10 @@ class Observation:
 class Belief:
     """What was found out with one image, for whoever wants to look at it."""
 
-    hypotheses: tuple[Hypothesis, ...]  # by falling weight
+    best: Hypothesis  # the likeliest place
     particles: Particles  # weighted, before resampling
     comparison: Comparison
-    p_chance: float  # that the likeliest place is chance
-    places: tuple[Hypothesis, ...] = ()  # the same by the evidence of all images, while no place is held
-
-    @property
-    def best(self) -> Hypothesis:
-        """The likeliest place."""
-        return self.hypotheses[0]
-
-    def curve(self) -> NDArray[np.float32]:
-        """Return the similarities (A,) of all headings at the likeliest place."""
-        return self.comparison.curves(self.best.pose[None, :2])[0]
+    places: tuple[Hypothesis, ...]  # likely ones, the best first; by the evidence of all images while none is held
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,8 @@
-"""The belief in a few words: clusters of particles, each with a pose, a covariance and a weight.
-
-Where each particle came from: the trajectory of the one with the highest accumulated weight (N17 figure 7).
-"""
+"""The belief in a few words: clusters of particles, each with a pose, a covariance and a weight."""
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,52 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mcl_depth.belief.particles import Particles, wrap_angle
-from mcl_depth.constants import CLUSTER_M, MAX_HYPOTHESES, MAX_LINEAGE, NUM_TURNS
+from mcl_depth.constants import CLUSTER_M, MAX_HYPOTHESES, NUM_TURNS
 from sphere_nav.geometry.arrays import Array
-
-
-class Lineage:
-    """The particles of all images that have offspring among those of the last one, each with its parent before."""
-
-    def __init__(self) -> None:
-        self._images: deque[tuple[int, Array, NDArray[np.int64]]] = deque(maxlen=MAX_LINEAGE)
-        self._scores = np.zeros(0)
-
-    def clear(self) -> None:
-        """Forget all images."""
-        self._images.clear()
-
-    def add(self, stamp_ns: int, particles: Particles) -> Particles:
-        """Remember the weighted particles of an image; return them as parents of the next."""
-        self._images.append((stamp_ns, particles.poses, particles.parents))
-        self._forget_childless()
-        self._scores = particles.scores
-        return replace(particles, parents=np.arange(len(particles), dtype=np.int64))
-
-    def __len__(self) -> int:
-        return sum(len(poses) for _, poses, _ in self._images)
-
-    def _forget_childless(self) -> None:
-        """Backwards, to the image whose particles all have offspring still: before it nothing has changed."""
-        for k in range(len(self._images) - 1, 0, -1):
-            (stamp_ns, poses, parents), (before_ns, before, grandparents) = self._images[k], self._images[k - 1]
-            kept = np.unique(parents[parents >= 0])
-            if len(kept) == len(before):
-                return
-            self._images[k] = stamp_ns, poses, np.where(parents < 0, -1, np.searchsorted(kept, parents))
-            self._images[k - 1] = before_ns, before[kept], grandparents[kept]
-
-    def trajectory(self) -> list[tuple[int, Array]]:
-        """Return stamps and poses (3,) of the particle of the highest score and its ancestors, oldest first."""
-        if not self._images:
-            return []
-        index, found = int(np.argmax(self._scores)), []
-        for stamp_ns, poses, parents in reversed(self._images):
-            found.append((stamp_ns, poses[index]))
-            index = int(parents[index])
-            if index < 0:
-                break
-        return found[::-1]
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,6 @@ class Particles:
     poses: Array
     weights: Array
     ages: NDArray[np.int64]  # (N,) images seen since the particle was spread
-    scores: Array  # (N,) weights of all images along the particle's lineage, summed
-    parents: NDArray[np.int64]  # (N,) which particle of the last image it descends from; -1: none, it is new
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -31,8 +29,7 @@ class Particles:
     def of_equal_weight(poses: Array, age: int = 0) -> Particles:
         """Return particles of one weight."""
         count = len(poses)
-        ages, nobody = np.full(count, age, dtype=np.int64), np.full(count, -1, dtype=np.int64)
-        return Particles(poses, np.full(count, 1.0 / max(count, 1)), ages, np.zeros(count), nobody)
+        return Particles(poses, np.full(count, 1.0 / max(count, 1)), np.full(count, age, dtype=np.int64))
 
     @property
     def effective_size(self) -> float:
@@ -45,24 +42,18 @@ class Particles:
 
     def reweight(self, weights: Array) -> Particles:
         """Return the same particles, one image older, with weights scaled to sum 1."""
-        total = float(weights.sum())
-        share = weights / total if total > 0.0 else np.full(len(self), 1.0 / len(self))
-        return replace(self, weights=share, ages=self.ages + 1, scores=self.scores + share)
+        return replace(self, weights=weights / weights.sum(), ages=self.ages + 1)
 
     def select(self, indices: NDArray[np.int64]) -> Particles:
         """Return copies of the particles with these indices, of one weight."""
         weights = np.full(len(indices), 1.0 / len(indices))
-        ages, scores, parents = self.ages[indices], self.scores[indices], self.parents[indices]
-        return Particles(self.poses[indices], weights, ages, scores, parents)
+        return Particles(self.poses[indices], weights, self.ages[indices])
 
     def replace_some(self, indices: NDArray[np.int64], poses: Array, age: int) -> Particles:
         """Return the set with new particles in the place of some."""
-        fresh = Particles.of_equal_weight(poses, age)
-        names = ("poses", "ages", "scores", "parents")
-        columns = {name: getattr(self, name).copy() for name in names}
-        for name, column in columns.items():
-            column[indices] = getattr(fresh, name)
-        return replace(self, **columns)
+        all_poses, ages = self.poses.copy(), self.ages.copy()
+        all_poses[indices], ages[indices] = poses, age
+        return replace(self, poses=all_poses, ages=ages)
 
 
 def wrap_angle(angle: Array) -> Array:

@@ -146,7 +146,6 @@ class DepthCache:
         expected = [(len(cells), *array.shape[1:]) for array in self.stack.arrays]
         if [part.shape for part in parts] != expected:
             raise ValueError(f"{folder}: expected features {expected}, found {[part.shape for part in parts]}")
-        last = slice(max(len(cells) - self.capacity, 0), len(cells))
-        kept = type(self.stack)(*(part[last] for part in parts))
-        self.insert(cells[last], kept)
+        kept = type(self.stack)(*(part[-self.capacity :] for part in parts))
+        self.insert(cells[-self.capacity :], kept)
         return len(kept)

@@ -25,7 +25,6 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
 BATCH = 64  # depth images made at once
-SAVE_EVERY = 2048  # depth images that an interruption may lose
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -44,7 +43,6 @@ class DepthMap:
         one = self.likeness.depths(np.ones((1, camera.height, camera.width), np.float32))
         self.cache = DepthCache(params.cache.max_megabytes << 20, one)
         self._filter: tuple[str, Any] | None = None  # with the places that it is of
-        self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -134,23 +132,19 @@ class DepthMap:
     def fill(self, positions: Array, at_most: int | None = None) -> int:
         """Make missing depth images of positions (N, 2), as many as the cache holds; return how many are still missing.
 
-        At most so many are made in this call. With a folder they are kept on disk on the way.
+        At most so many are made in this call. With a folder they are kept on disk once all are there.
         """
         unique = np.unique(self.cells(positions), axis=0)[: self.cache.capacity]
         on_ground = unique[np.isfinite(self._middles(unique)[:, 2])]
         cells = on_ground[[key not in self.cache for key in keys_of(on_ground)]]
-        count = len(cells) if at_most is None else min(at_most, len(cells))
-        for first in range(0, count, BATCH):
-            self._num_unsaved += len(self._slots(cells[first : min(first + BATCH, count)]))
-            if self._num_unsaved >= SAVE_EVERY:
-                self.save()
-        if self._num_unsaved and count == len(cells):
+        made = self._slots(cells[:at_most])
+        num_missing = len(cells) - len(made)
+        if len(made) and not num_missing:
             self.save()
-        return len(cells) - count
+        return num_missing
 
     def save(self) -> None:
         """Keep the depth features on disk, where a folder is set."""
-        self._num_unsaved = 0
         if self._folder is not None:
             self.cache.save(self._folder)
 

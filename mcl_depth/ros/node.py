@@ -43,7 +43,7 @@ class MclDepthNode(LocalizerNode):
         self.filter: Filter | None = None
         self.clouds = GeometryLoader(endpoints, p, self.drop_filter)
         self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
-        self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
+        self.views, self.guide = Views(endpoints, p.map_frame), HomingGuide(endpoints, p)
         super().configure()
         self.add_service("~/reinitialize_global_localization", Empty, self.on_reinitialize)
 

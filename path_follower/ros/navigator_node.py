@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -15,8 +16,8 @@ from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
 from path_follower.routes.constants import TICK
+from path_follower.routes.course import write_course
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Outcome, Request
-from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
 from sphere_nav.ros import conversions, qos
@@ -48,7 +49,7 @@ class RouteNavigator(ManagedNode):
     params: RouteNavigatorParams
 
     def configure(self) -> None:
-        """Read the network and what a mission left; open topics, services and actions."""
+        """Read the network; open topics, services and actions."""
         p = self.params
         if not p.network:
             raise ValueError(
@@ -56,12 +57,10 @@ class RouteNavigator(ManagedNode):
             )
         self.network = read_network(network_path(Path(p.network)))
         self.mission = Mission(self.network, p.mission, p.vehicle)
-        self.folder = state_folder(p.state)
-        self.state_file = self.folder / "mission.json"
-        self.goals: list[tuple[ActionGoal, Any]] = []  # those of the mission, each with what makes its result
+        self.folder = TemporaryDirectory(prefix="route_navigator_")  # of the way that is handed over
+        self.goal: tuple[ActionGoal, Any] | None = None  # that of the mission, and what makes its result
         self.said: tuple[Any, ...] = ()
-        self.said_at, self.kept, self.result = -1e9, "", ""
-        self._restore()
+        self.said_at, self.result = -1e9, ""
         self.shown = self.add_publisher("~/network", String, qos.LATCHED)
         self.status = self.add_publisher("~/status", NavigatorStatus, qos.LATCHED)
         self.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
@@ -85,9 +84,9 @@ class RouteNavigator(ManagedNode):
         self.shown.publish(String(data=to_geojson(self.network, is_dense=False)))
         self.tell()
 
-    def deactivate(self) -> None:
-        """Leave the follower as it is: a mission survives."""
-        self.keep()
+    def cleanup(self) -> None:
+        """Remove what was handed over."""
+        self.folder.cleanup()
 
     def now(self) -> float:
         """Return seconds of a clock that no stamp moves."""
@@ -146,14 +145,14 @@ class RouteNavigator(ManagedNode):
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
         driven = self.mission.driven + self.mission.progress
-        self.finish_goals(Outcome(False, "replaced by a new goal", driven))
+        self.finish_goal(Outcome(False, "replaced by a new goal", driven))
         self.mission.begin(read(goal.request), self.now())
-        self.goals.append((goal, result))
+        self.goal = goal, result
         self.tell()
 
     def cancel_goal(self, goal: ActionGoal) -> None:
         """Stop, then end."""
-        if any(goal is own for own, _ in self.goals):
+        if self.goal is not None and self.goal[0] is goal:
             self.mission.cancel("canceled", self.now())
             self.go_on()
 
@@ -177,10 +176,11 @@ class RouteNavigator(ManagedNode):
             result.error_msg = outcome.reason
         return result
 
-    def finish_goals(self, outcome: Outcome) -> None:
-        """End the goals of the mission."""
-        while self.goals:
-            goal, result = self.goals.pop()
+    def finish_goal(self, outcome: Outcome) -> None:
+        """End the goal of the mission."""
+        if self.goal is not None:
+            goal, result = self.goal
+            self.goal = None
             goal.finish(result(outcome), success=outcome.success)
 
     # --- what goes out
@@ -192,10 +192,9 @@ class RouteNavigator(ManagedNode):
         if outcome is not None:
             self.result = outcome.reason
             (self.log.info if outcome.success else self.log.warning)(f"mission: {outcome.reason or 'arrived'}")
-            self.finish_goals(outcome)
-        for goal, result in self.goals:
-            if result == self._result:
-                goal.publish(told(Navigate.Feedback(), mission))
+            self.finish_goal(outcome)
+        if self.goal is not None and self.goal[1] == self._result:
+            self.goal[0].publish(told(Navigate.Feedback(), mission))
         self.tell()
 
     def go_on(self) -> None:
@@ -213,7 +212,7 @@ class RouteNavigator(ManagedNode):
 
         path = ""
         if request.points is not None:
-            file = self.folder / "course.csv"
+            file = Path(self.folder.name) / "course.csv"
             try:
                 write_course(file, request.points, self.network.map_id)
             except OSError as error:
@@ -223,7 +222,7 @@ class RouteNavigator(ManagedNode):
         self.follower(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
 
     def tell(self) -> None:
-        """Publish the status, on every change and once a second; keep on disk what survives."""
+        """Publish the status, on every change and once a second."""
         mission, now = self.mission, self.now()
         closed = [str(edge) for edge in sorted(mission.closed_now(now))]
         news = mission.state, mission.reason, mission.goal, mission.edge, mission.next_place, closed
@@ -235,26 +234,6 @@ class RouteNavigator(ManagedNode):
         status = NavigatorStatus(header=header(self.now_ns(), self.params.map_frame), map_id=self.network.map_id)
         status.closed_edges, status.last_result = closed, self.result
         self.status.publish(told(status, mission))
-        self.keep()
-
-    # --- over a restart
-    def _restore(self) -> None:
-        try:
-            if self.state_file.exists():
-                read_mission(self.state_file, self.mission, self.now())
-        except ValueError as error:
-            self.log.warning(f"no mission is taken over: {one_line(error)}")
-
-    def keep(self) -> None:
-        """Write what survives, where it has changed."""
-        text = repr(self.mission.snapshot())
-        if text == self.kept:
-            return
-        try:
-            write_mission(self.state_file, self.mission)
-            self.kept = text
-        except OSError as error:
-            self.log.warning(f"a mission would not survive a restart: {one_line(error)}", every=60.0)
 
 
 def main() -> int:

@@ -116,19 +116,6 @@ class Outcome:
     distance: float
 
 
-@dataclass(frozen=True)
-class MissionRecord:
-    """What of a mission survives a restart of its node, as `Mission` has it."""
-
-    map_id: str
-    closed: tuple[int, ...]
-    permission: int
-    goal: Goal | None
-    laps_remaining: int
-    driven: float
-    route: Route
-
-
 class Mission:
     """One mission at a time; give it what happens, ask it what to do."""
 
@@ -536,25 +523,6 @@ class Mission:
         """The next named place on the way."""
         names = (self.network.name_of(self.network.node_at(leg.edge, leg.last)) for leg in self.legs_ahead)
         return next(filter(None, names), self.place)
-
-    # --- over a restart
-    def snapshot(self) -> MissionRecord:
-        """Return what a mission needs to survive."""
-        closed = tuple(sorted(edge for edge, until in self.closed.items() if until == math.inf))
-        left = self.permission, self.goal, self.laps_remaining, self.driven, self.route
-        return MissionRecord(self.network.map_id, closed, *left)
-
-    def restore(self, record: MissionRecord, now: float) -> None:
-        """Go on with a mission of before: held, unless the follower still drives that way."""
-        self.closed = dict.fromkeys(self.network.edges.keys() & set(record.closed), math.inf)
-        if record.goal is None:
-            return
-        self.spots_of(record.goal)
-        self._set_out(record.goal)
-        self.laps_remaining, self.driven, self.permission = record.laps_remaining, record.driven, record.permission
-        if all(leg.edge in self.network.edges for leg in record.route.legs):
-            self.route = self._loaded = record.route
-        self._go(HELD, now, "the navigator began anew: call resume where the vehicle stands")
 
 
 def _to_resume(text: str) -> str:

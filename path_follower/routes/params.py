@@ -26,7 +26,6 @@ class RouteNavigatorParams:
     """Everything that the node needs."""
 
     network: str = param("", "network of taught paths: a map that has one, or a .geojson file")
-    state: str = param("", "folder for what survives a restart; empty: ~/.ros/sphere_nav")
     map_frame: str = param("map", "frame of the poses and of the network")
     vehicle: FrontParams = group(FrontParams)
     mission: MissionParams = group(MissionParams)

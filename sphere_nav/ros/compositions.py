@@ -37,7 +37,7 @@ RESTART_AFTER: Mapping[str, float | None] = {  # s from the end of a node to its
     "mcl_depth": 2.0,
     "sphere_stitcher": 2.0,
     "bag_recorder": 2.0,
-    "route_navigator": 2.0,  # the follower drives on meanwhile; its mission survives
+    "route_navigator": 2.0,  # the follower drives on meanwhile
     "sphere_mapper": None,  # the map is in its memory
     "path_follower": None,  # an operator must see it
     "cycab_sim": None,  # the clock of all

@@ -24,7 +24,7 @@ examples:
   sphere_nav mcl utm_tile.laz drive --set survey.origin=500200,5412300,0 -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
-TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
+TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,9 +11,8 @@ from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.constants import MAX_TURN
-from path_follower.routes.course import make_course
+from path_follower.routes.course import make_course, write_course
 from path_follower.routes.drive_files import read_drives
-from path_follower.routes.mission_file import write_course
 from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route

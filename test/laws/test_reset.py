@@ -25,7 +25,6 @@ from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.hypotheses import Lineage
 from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
 from mcl_depth.belief.joint_evidence import Drives, JointEvidence
 from mcl_depth.belief.motion_model import MotionModel
@@ -111,7 +110,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
     "LensWatch": (LensWatch, "reset", "limit"),
-    "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "Localizer": (lambda: Localizer(LocalizerParams(), make_map(Room(), [SE3.identity()], Spherical(64, 32))), "reset",
                   "params references range_support"),
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",

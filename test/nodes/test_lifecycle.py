@@ -36,7 +36,7 @@ def values(tmp_path_factory):
     x = np.linspace(0.0, 20.0, 201)
     write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
     return {
-        "route_navigator": {"network": str(folder / "routes.geojson"), "state": str(folder / "state")},
+        "route_navigator": {"network": str(folder / "routes.geojson")},
         "bag_player": {"bag": str(folder / "bag"), "wait_for": "text"},
         "bag_recorder": {"topics": "text", "output": str(folder / "recorded")},
         "sphere_mapper": {"map_folder": str(folder / "maps")},

@@ -63,7 +63,7 @@ def folder(tmp_path):
 
 class Trip:
     def __init__(self, folder):
-        self.values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+        self.values = {"network": str(folder / "routes.geojson")}
         self.bus = OfflineBus(start_ns=SECOND)
         self.follower = self.bus.add(PathFollowerNode)
         self.navigator = self.bus.add(RouteNavigator, self.values)

@@ -54,7 +54,7 @@ class Vehicle:
         write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), 55.0)))
         (folder / "path.csv").write_text("\n".join(f"{x},0" for x in range(0, 60)))
         self.file = str(folder / "path.csv")
-        self.values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+        self.values = {"network": str(folder / "routes.geojson")}
         self.bus = OfflineBus(start_ns=SECOND)
         self.follower = self.bus.add(PathFollowerNode, {"safety.resume": rule})
         self.navigator = self.bus.add(RouteNavigator, self.values)
@@ -212,8 +212,6 @@ class AnythingMayHappen(RuleBasedStateMachine):
 
     @initialize(resume=st.sampled_from(["never", "moving", "standing"]), way=st.sampled_from(["mission", "path", ""]))
     def begin(self, resume, way):
-        state = self.folder / "state" / "mission.json"
-        state.unlink(missing_ok=True)
         self.vehicle = Vehicle(self.folder, resume)
         if way:
             drive_off(self.vehicle, way)

@@ -12,5 +12,4 @@ LIMITS = {
     "features": 100_000,  # of a key sphere
     "bag": 1 << 50,  # bytes of a file: any that a disk holds
     "routes": 256 << 20,  # bytes of a network: 10 km are about 6 MB
-    "mission": 1 << 22,  # bytes of its state
 }

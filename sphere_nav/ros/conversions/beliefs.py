@@ -1,4 +1,4 @@
-"""What a localiser believes, for RViz and Foxglove: places with their spread as markers, similarities as a scan."""
+"""What a localiser believes, for RViz and Foxglove: places with their spread as markers, particles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import Particle, ParticleCloud
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -44,26 +42,6 @@ def hypotheses_to_markers(
         text.text = f"{float(item.weight):.0%}"
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
-
-
-def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, frame_id: str) -> LaserScan:
-    """Return similarities (A,) of the headings i 2 pi / A as a polar curve around a vehicle that heads to `yaw` rad.
-
-    The range is the similarity in m, so that a viewer draws it; the peak lies ahead where compass and pose agree.
-    """
-    step = 2.0 * math.pi / len(curve)
-    first = math.ceil((yaw - math.pi) / step)  # of the headings: from behind, over the right, to behind again
-    values = np.roll(np.asarray(curve, np.float32), -(first % len(curve)))
-    return LaserScan(
-        header=header(stamp, frame_id),
-        angle_min=first * step - yaw,
-        angle_max=(first + len(curve) - 1) * step - yaw,
-        angle_increment=step,
-        range_min=0.0,
-        range_max=2.0,  # the largest similarity of images whose gradients sum to 1
-        ranges=values.tolist(),
-        intensities=values.tolist(),
-    )
 
 
 def make_marker(

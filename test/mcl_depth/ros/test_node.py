@@ -80,7 +80,7 @@ def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, m
     assert "share of the map" not in found[-1].remedy
 
 
-TOPICS = {"/particle_cloud", "/heading", "/hypotheses", "/similarity", "/synthesized_depth"}
+TOPICS = {"/particle_cloud", "/heading", "/hypotheses", "/synthesized_depth"}
 
 
 @pytest.mark.slow
@@ -91,7 +91,6 @@ def test_every_image_is_shown(tmp_path):
     answer = bench.see(drive()[0])
     assert set(answer) & TOPICS == TOPICS
     assert sum(particle.weight for particle in answer["/particle_cloud"].particles) == pytest.approx(1.0)
-    assert all(np.isfinite(answer["/similarity"].ranges))
 
 
 LEVEL = so3.exp([0.0, 0.1, 0.0]) @ so3.exp([-0.05, 0.0, 0.0])

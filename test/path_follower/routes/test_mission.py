@@ -467,25 +467,3 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.live(3 * STEADY)
     assert trip.mission.laps_remaining == 1
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
-
-
-@pytest.mark.parametrize(("state", "expected"), [("DRIVING", "DRIVING"), ("PAUSED", "PAUSED"), ("STOPPED", "HELD")])
-def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(trip, state, expected):
-    trip.drive_off()
-    trip.progress = 20.0
-    trip.live()
-    old = trip.mission
-    if state != "DRIVING":
-        old.pause(trip.now) if state == "PAUSED" else trip.mode.take(Event.STOP, OPERATOR)
-        while state == "PAUSED" and trip.state != "PAUSED":
-            trip.answer(old.tick(trip.now))
-    trip.mission = Mission(old.network, PARAMS, VehicleParams())
-    trip.mission.restore(old.snapshot(), trip.now)
-    assert trip.live(1.0) == []
-    assert trip.mission.state == expected
-    assert trip.mission.goal == GOAL
-    if state == "STOPPED":
-        trip.mission.resume(trip.now)
-        assert trip.live(2 * STEADY) == ["stop", "load", "start"]
-    else:
-        assert trip.mission.progress == pytest.approx(20.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""Networks, missions and drives in files: nothing is lost, and what is none is refused in one line."""
+"""Networks and drives in files: nothing is lost, and what is none is refused in one line."""
 
 import json
 import re
@@ -6,18 +6,15 @@ import re
 import numpy as np
 import pytest
 
-from path_follower.params import FollowerParams, VehicleParams
+from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import read_path
 from path_follower.routes.building import build_network
-from path_follower.routes.course import make_course
+from path_follower.routes.course import make_course, write_course
 from path_follower.routes.drive_files import read_drives
-from path_follower.routes.mission import FollowerView, Goal, Mission
-from path_follower.routes.mission_file import read_mission, write_course, write_mission
 from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
-from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, Route, plan
+from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
@@ -83,52 +80,6 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(fork):
             from_geojson(json.dumps(whole), "routes.geojson")
         assert "\n" not in str(error.value)
         assert str(error.value).startswith("routes.geojson")
-
-
-def mission_of(network):
-    mission = Mission(network, MissionParams(), VehicleParams())
-    mission.see_follower(FollowerView("NO_PATH", 7))
-    return mission
-
-
-@pytest.fixture
-def kept(fork, tmp_path):
-    """A mission that was written, in the second of three rounds."""
-    mission = mission_of(fork)
-    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=3), 0.0)
-    mission.close(str(max(fork.edges)), True, 0.0)
-    legs = Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)
-    mission.route = Route(legs, 24.0, round_legs=2)
-    mission.laps_remaining, mission.driven = 2, 12.5
-    write_mission(tmp_path / "mission.json", mission)
-    return mission
-
-
-def test_a_mission_comes_back_as_it_was_with_the_laps_that_are_left(kept, fork, tmp_path):
-    mission = mission_of(fork)
-    read_mission(tmp_path / "mission.json", mission, 5.0)
-    assert (mission.goal, mission.laps_remaining, mission.route) == (kept.goal, 2, kept.route)
-    assert (mission.closed_now(1e9), mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
-    assert (mission.distance_remaining, mission.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
-
-
-BROKEN_MISSIONS = {
-    "map_id: expected that of the network": {"map_id": "hall"},
-    "expected format 'sphere_nav mission' version 4": {"version": 7},
-    "laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
-}
-
-
-@pytest.mark.usefixtures("kept")
-def test_a_file_that_is_no_mission_is_refused(tmp_path, fork):
-    file = tmp_path / "mission.json"
-    whole = json.loads(file.read_text())
-    for text, change in BROKEN_MISSIONS.items():
-        file.write_text(json.dumps(whole | change))
-        mission = mission_of(fork)
-        with pytest.raises(ValueError, match=re.escape(text)):
-            read_mission(file, mission, 0.0)
-        assert mission.goal is None
 
 
 def test_a_course_is_what_the_follower_reads(fork, tmp_path):

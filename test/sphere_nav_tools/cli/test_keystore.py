@@ -54,7 +54,7 @@ WAYS = (  # parameters with which a node opens other topics
     (PathFollowerNode, {"source": "odometry"}),
     (PathFollowerNode, {"source": "homing"}),
     (CommandGuard, {}),
-    (RouteNavigator, {"network": "routes.geojson", "state": "state"}),
+    (RouteNavigator, {"network": "routes.geojson"}),
     (SphereStitcher, {}),
     (SphereStitcher, {"rig": "rig.yaml", "stitch.width": 128, "has_depth": True, "has_cloud": True}),
     (SphereStitcher, {"rig": "rig.yaml", "stitch.width": 128} | COMPRESSED),

@@ -1,11 +1,11 @@
-"""Places as markers, similarities as a polar curve."""
+"""Places as markers."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
+from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers
 
 
 def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
@@ -28,14 +28,3 @@ def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
     assert (arrow.pose.position.x, arrow.pose.position.y, arrow.pose.position.z) == (1.0, 2.0, 1.5)
     assert text.text == "80%"
     assert min(markers[3].scale.x, markers[3].scale.y) > 0.0
-
-
-@pytest.mark.parametrize("yaw", [0.3, -3.1])
-def test_a_turned_vehicle_sees_the_curve_peak_where_it_heads(yaw):
-    angles = np.arange(36) * np.radians(10.0)
-    curve = 1.0 + 0.5 * np.cos(angles - 1.0)
-    scan = similarities_to_scan(curve, yaw, 3, "base_link")
-    seen = scan.angle_min + scan.angle_increment * np.arange(36)
-    assert -np.pi - 1e-6 <= seen[0] <= seen[-1] <= np.pi + 1e-6
-    assert scan.angle_max == pytest.approx(seen[-1])
-    np.testing.assert_allclose(scan.ranges, 1.0 + 0.5 * np.cos(seen + yaw - 1.0), atol=1e-5)
