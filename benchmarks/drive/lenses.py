@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks.drive.repeats import MAX_CLOUDS, Drive, Found, Way, localise
 from benchmarks.report import Bound, Headline, Report, Table
+from sphere_nav.geometry.arrays import Floats
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav_tools.cli.demo.report import read_truth
@@ -105,15 +106,22 @@ def soil(message: Any, share: float, seed: int) -> Any:
     """Return an image through a lens of which spots are covered, the same at all times."""
     pixels = conversions.image_to_array(message)
     height, width = pixels.shape[:2]
+    cover, dirt = (
+        one.reshape(height, width, *[1] * (pixels.ndim - 2)) for one in draw_dirt(width, height, share, seed)
+    )
+    seen = np.clip(np.rint(pixels + cover * (dirt - pixels)), 0, 255).astype(np.uint8)
+    return conversions.array_to_image(seen, conversions.stamp_ns(message), message.header.frame_id, message.encoding)
+
+
+@lru_cache(maxsize=1)
+def draw_dirt(width: int, height: int, share: float, seed: int) -> tuple[Floats, Floats]:
+    """Return by how much 0...1 each pixel (height, width) is covered, and the grey levels of what covers it."""
     noise = np.random.default_rng(seed).normal(size=(2, height, width)).astype(np.float32)
     spots, smear = (
         cv2.GaussianBlur(one, (0, 0), size * width) for one, size in zip(noise, (DIRT_SIDE, SMEAR), strict=True)
     )
     cover = cv2.GaussianBlur(np.float32(spots > np.quantile(spots, 1.0 - share)), (0, 0), SMEAR * width)
-    dirt = DIRT_GRAY * (1.0 + smear / smear.std() / 4.0)
-    cover, dirt = (one.reshape(height, width, *[1] * (pixels.ndim - 2)) for one in (cover, dirt))
-    seen = np.clip(np.rint(pixels + cover * (dirt - pixels)), 0, 255).astype(np.uint8)
-    return conversions.array_to_image(seen, conversions.stamp_ns(message), message.header.frame_id, message.encoding)
+    return cover, DIRT_GRAY * (1.0 + smear / smear.std() / 4.0)
 
 
 def judge(row: Row, found: Found, data: str) -> list[Bound]:
