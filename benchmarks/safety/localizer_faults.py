@@ -27,7 +27,6 @@ from sphere_nav.photometric.align import esm
 
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small
 SIZES = {"quick": (1, 12, 0.03, 4, 4), "full": (6, 504, 5.0, 200, 50)}  # halls, failures, km, starts, outside
-SOUGHT = State.NOT_LOCALISED, State.SEARCHING, State.LOST  # after which the next image is searched with
 SECOND = 1_000_000_000
 RATE = 15  # Hz
 SPEED, NOMINAL_SPEED = 1.0, 5.0  # m/s, while things fail and while nothing does
@@ -75,7 +74,7 @@ class Run:
 
     def __init__(self, world: World, found: Found) -> None:
         self.world, self.found, self._stamp_ns = world, found, SECOND
-        self.localizer, self._is_sought = Localizer(build(LocalizerParams, SETTINGS), world.map), True
+        self.localizer = Localizer(build(LocalizerParams, SETTINGS), world.map)
 
     def step(self, fault: Fault = nothing, speed: float = SPEED) -> Told:
         """Localise the next image."""
@@ -84,10 +83,13 @@ class Run:
         moved = world.drive(1.0 / RATE, speed)
         self.found.distance_m += moved * (speed == NOMINAL_SPEED)
         image = fault(world)
-        with patch.object(esm, "share_pixels", wraps=esm.share_pixels) as asked:  # by each dense alignment, once
+        search = self.localizer.search
+        with (
+            patch.object(esm, "share_pixels", wraps=esm.share_pixels) as asked,  # by each dense alignment, once
+            patch.object(search, "find", wraps=search.find) as sought,
+        ):
             told = self.localizer.update(image, CAMERA, self._stamp_ns, world.T_odom_camera)
-        self.found.alignments[self._is_sought].append(asked.call_count)
-        self._is_sought = told.status.state in SOUGHT
+        self.found.alignments[sought.called].append(asked.call_count)
         if told.T_map_camera is None or told.covariance is None:
             return Told(told.status.state)
         truth = world.T_map_camera @ KIDNAPPED if fault is kidnapped else world.T_map_camera
@@ -96,15 +98,11 @@ class Run:
         meters, radians = told.T_map_camera.distance(truth)
         return Told(told.status.state, float(meters), float(radians), nees)
 
-    def _reset(self) -> None:
-        self.localizer.reset()
-        self._is_sought = True
-
     def settle(self) -> None:
         """Drive on until the pose is trusted again."""
         if self.step().is_trusted:
             return
-        self._reset()
+        self.localizer.reset()
         self.localizer.relocalize(self.world.T_map_camera)
         for _ in range(CALM_IMAGES):
             if self.step().is_trusted:
@@ -128,7 +126,7 @@ class Run:
     def start(self, fault: Fault = nothing) -> list[Told]:
         """Start anywhere with a second of images."""
         self.world.jump()
-        self._reset()
+        self.localizer.reset()
         return [self.step(fault) for _ in range(RATE)]
 
 

@@ -171,9 +171,9 @@ class Integrity:
         sample, joined = (_make_sample(frame, one) for one in (candidate, placed))
         defies = candidate.prediction.defies_odometry
         by_odometry = self._odometry.find(sample, joined, defies_odometry=defies) if sample else FINE
-        self.lens.observe(candidate, registration, state)
+        by_lens = self.lens.observe(candidate, registration, state)
         by_prediction = candidate.prediction.finding, self._compare(candidate)
-        findings = self.lens.finding, candidate.finding, *by_prediction, by_odometry
+        findings = by_lens, candidate.finding, *by_prediction, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
 
     def _compare(self, candidate: PoseCandidate) -> Verdict:

@@ -23,9 +23,10 @@ from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import RegistrationParams
-from sphere_nav.photometric.checks.lens import Stretch, find_stretches
+from sphere_nav.photometric.checks.lens import NO_STEPS, Steps, Stretch, find_stretches
 
 ADVICE = "calibrate the camera, or run sphere_nav refine-camera"
+OPEN = Verdict(Reason.BAD_INFO, detail="the lens may be another one than camera_info says", advice=ADVICE)
 
 
 class LensWatch:
@@ -45,18 +46,25 @@ class LensWatch:
         self.covariance: Array = np.zeros((6, 6))
         self._told: dict[str, dict[int, Array]] = {}  # information and information times share, of a key sphere
         self._judged: dict[str, tuple[Verdict, Array]] = {}  # finding and covariance of each camera
+        self._longer: Steps = NO_STEPS  # what is thought of a lens that is far off
         self._num_left = 0  # images that are not asked
 
-    def observe(self, candidate: PoseCandidate, params: RegistrationParams, state: State) -> None:
-        """Ask one of several images that the map has placed, each of a pose on probation until a lens is wrong."""
+    def observe(self, candidate: PoseCandidate, params: RegistrationParams, state: State) -> Verdict:
+        """Ask one of several images that the map has placed, each of a pose on probation until a lens is wrong.
+
+        Where a lens is thought to be far off, the next image goes on from there; a pose on probation waits for that.
+        Return what is against a lens.
+        """
         self._num_left -= 1
         is_due = self._num_left <= 0 or (state is State.PROBATION and self.finding is FINE)
         if not is_due or candidate.alignment is None or candidate.is_by_range:
-            return
-        self._num_left = INTEGRITY_PERIOD
-        how = candidate.alignment, params, candidate.motion
-        found = find_stretches(candidate.images, *how, is_clear=not candidate.is_biased)
+            return self.finding
+        how = candidate.alignment, params, candidate.motion, self._longer
+        found, self._longer = find_stretches(candidate.images, *how, is_clear=not candidate.is_biased)
+        is_open = bool(self._longer and not found)
+        self._num_left = 0 if is_open else INTEGRITY_PERIOD
         self.add(found, candidate.choice.ids[0])
+        return OPEN if is_open and state is State.PROBATION and self.finding is FINE else self.finding
 
     def add(self, stretches: Iterable[Stretch], sphere_id: int) -> None:
         """Take what an image tells that was placed by a key sphere, and judge."""

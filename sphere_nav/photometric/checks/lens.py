@@ -6,8 +6,8 @@ aligned pose. A level much coarser than the finest one is used, where corners ar
 the view has a light of its own, with a slope: what a lamp does there is no motion. Cells are the independent
 observations: how differently they pull is the deviation.
 
-That holds for small stretches. Of a large one a part is found: with a lens that is so much longer the images are
-aligned anew, and so on until nothing is left. What they tell then counts if they resemble the map more.
+That holds for small stretches. Of a large one a part is found: with a lens that is so much longer the next image is
+aligned anew, and so on until little is left. What an image tells then counts if it resembles the map more.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from sphere_nav.photometric.constants import (
     LENS_LEFT,
     LENS_LEVEL,
     LENS_REWEIGHTINGS,
-    LENS_ROUNDS,
     LENS_STEP,
     MAX_LENS_STEP,
     MIN_CELL_PIXELS,
@@ -43,6 +42,8 @@ from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.pixels.pyramid import magnify
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, sample_images
 
+Steps = Mapping[str, int]  # by which the lens of each camera is longer
+NO_STEPS: Steps = {}
 LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
 
 
@@ -64,36 +65,39 @@ def find_stretches(
     alignment: Alignment,
     params: RegistrationParams,
     motion: FrameMotion | None = None,
+    longer: Steps = NO_STEPS,
     *,
     is_clear: bool = True,
-) -> list[Stretch]:
-    """Return the stretch of each camera in an alignment of `register_rig`, however large.
+) -> tuple[list[Stretch], Steps]:
+    """Return the stretch of each camera in an alignment of `register_rig`, and how much longer the lenses are thought.
 
+    `longer` is what was thought after the image before: of a lens that is far off the first images tell no stretch.
     Where something else pulls the alignment, it is not `is_clear`, only what other lenses explain better is returned.
     """
     finest = min(params.pyramid.finest + LENS_LEVEL, min(len(one.pyramid.levels) for one in images) - 1)
     coarse = between(params, finest=finest)
-    found = measure_stretches(images, alignment, coarse, motion)
-    by_told, longer = found if is_clear else [], dict.fromkeys((one.camera for one in found), 0)
-    if not any(map(_steps, found)):
-        return by_told
-    told = here = register_rig(images, alignment.T_world_camera, coarse, motion)
-    for _ in range(LENS_ROUNDS):
-        longer |= {one.camera: longer[one.camera] + _steps(one) for one in found}
-        seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
-        here = register_rig(seen, here.T_world_camera, coarse, motion)
-        found = measure_stretches(seen, here, coarse, motion) if here.is_converged else []
-        if not any(map(_steps, found)):
-            break
-    if not found or 1.0 - here.ncc > LENS_LEFT * (1.0 - told.ncc):
-        return by_told
-    return [replace(one, share=(1.0 + one.share) * LENS_STEP ** longer[one.camera] - 1.0) for one in found]
+    told, misfit = measure_stretches(images, alignment, coarse, motion)
+    by_told, most, longer = told if is_clear else [], 1 if longer else 0, longer or _steps(told)
+    if not any(longer.values()):
+        return by_told, NO_STEPS
+    seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
+    here = register_rig(seen, alignment.T_world_camera, coarse, motion)
+    found, remaining = measure_stretches(seen, here, coarse, motion)
+    left = _steps(found)
+    is_settled = max(map(abs, left.values()), default=0) <= most
+    if not (found and here.is_converged) or remaining > misfit * (LENS_LEFT if is_settled else 1.0):
+        return by_told, NO_STEPS
+    if not is_settled:
+        return [], {name: longer.get(name, 0) + steps for name, steps in left.items()}
+    by = {name: LENS_STEP**steps for name, steps in longer.items()}
+    return [replace(one, share=(1.0 + one.share) * by.get(one.camera, 1.0) - 1.0) for one in found], longer
 
 
-def _steps(found: Stretch) -> int:
-    """Return by how many steps a lens is longer; none where that is not told."""
-    share = float(np.clip(found.share, -MAX_LENS_STEP, MAX_LENS_STEP))
-    return round(np.log1p(share) / np.log(LENS_STEP)) if abs(share) > LENS_DOUBT * found.sigma else 0
+def _steps(found: Sequence[Stretch]) -> Steps:
+    """Return by how many steps each lens is longer; none where that is not told."""
+    shares = {one.camera: one.share * (abs(one.share) > LENS_DOUBT * one.sigma) for one in found}
+    logs = {name: np.log1p(np.clip(share, -MAX_LENS_STEP, MAX_LENS_STEP)) for name, share in shares.items()}
+    return {name: round(log / np.log(LENS_STEP)) for name, log in logs.items()}
 
 
 def measure_stretches(
@@ -101,16 +105,20 @@ def measure_stretches(
     alignment: Alignment,
     params: RegistrationParams,
     motion: FrameMotion | None = None,
-) -> list[Stretch]:
-    """Return the stretch of each camera, to first order; none of whole spheres, or of few cells."""
+) -> tuple[list[Stretch], float]:
+    """Return the stretch of each camera, to first order, and the misfit, of images that have been aligned."""
     sampled = sample_images(images, alignment.T_world_camera, alignment.light, params, motion)
     seen = [(one.mount, sample) for one, sample in sampled]
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
     return solve_stretches(seen, lenses)
 
 
-def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> list[Stretch]:
-    """Return the stretch of the cameras that have a lens, named by their place; none where too few cells are seen."""
+def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> tuple[list[Stretch], float]:
+    """Return the stretch of the cameras that have a lens, named by their place, and the misfit of all.
+
+    None and Inf where too few cells are seen. The misfit is the standard deviation of the residuals (M15 eq. 33), less
+    what the light of their cells explains.
+    """
     column, parts = {k: 6 + number for number, k in enumerate(lenses)}, []
     for k, (place, every) in enumerate(cameras):
         turn = place.inverse().adjoint()
@@ -122,11 +130,11 @@ def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> list[S
                 J[:, column[k]] = sample.by_stretch
             parts.append(_without_light(sample, J))
     if not parts:
-        return []
+        return [], np.inf
     J, residual = (np.concatenate([part[which] for part in parts]) for which in (0, 1))
     cells = np.concatenate([index * CELLS[0] * CELLS[1] + part[2] for index, part in enumerate(parts)])
     if len(np.unique(cells)) < MIN_LENS_CELLS:
-        return []
+        return [], np.inf
     x = np.zeros(J.shape[1])
     for _ in range(LENS_REWEIGHTINGS):
         weight, _ = weigh(residual + J @ x, MIN_SIGMA)
@@ -135,7 +143,8 @@ def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> list[S
     gradients = (weight * (residual + J @ x))[:, None] * J
     sigma = np.sqrt(np.diagonal(clustered_covariance(inverse, gradients, cells, len(x))))
     by_share = inverse[:6, 6:] @ np.linalg.inv(inverse[6:, 6:])
-    return [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - 6]) for k, own in column.items()]
+    found = [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - 6]) for k, own in column.items()]
+    return found, weigh(residual, 0.0)[1]
 
 
 def _without_light(sample: Sample, J: Array) -> LeastSquares:

@@ -74,7 +74,7 @@ def asked(monkeypatch):
 
     def find(images_of, *_, is_clear):
         images.append((images_of, is_clear))
-        return [Stretch("", 0.05, 0.003, ALONG)]
+        return [Stretch("", 0.05, 0.003, ALONG)], {}
 
     monkeypatch.setattr("dense_localizer.judge.lens_watch.find_stretches", find)
     return images
@@ -104,6 +104,23 @@ def test_each_image_of_a_pose_on_probation_is_asked_while_no_lens_is_wrong(asked
     assert [is_clear for _, is_clear in asked] == [True, False, True]
     watch.observe(candidate(4, is_by_range=True), RegistrationParams(), State.PROBATION)
     assert len(asked) == 3
+
+
+def test_of_a_lens_that_is_far_off_the_next_image_goes_on_from_what_was_thought(monkeypatch):
+    answers = [([], {"": -5}), ([], {"": -10}), ([Stretch("", -0.2, 0.003, ALONG)], {"": -10}), ([], {})]
+    thought, watch = [], LensWatch()
+
+    def find(*given, is_clear):
+        thought.append(dict(given[-1]))
+        return answers[len(thought) - 1]
+
+    monkeypatch.setattr("dense_localizer.judge.lens_watch.find_stretches", find)
+    for number in range(13):
+        watch.observe(candidate(number), RegistrationParams(), State.TRACKING)
+        assert len(thought) == min(number + 1, 3) + (number >= 12)
+    assert thought == [{}, {"": -5}, {"": -10}, {"": -10}]
+    watch.reset()
+    assert not watch._longer
 
 
 def test_each_camera_is_judged_by_itself():
