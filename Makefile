@@ -1,5 +1,6 @@
 # make env | demo | test | test-slow | bench | bench-report | check | docs | clean; what they do stands in README.md.
-# Every step leaves a stamp in .venv/.stamps, so nothing is done twice.
+# Every step leaves a stamp in .venv/.stamps, so nothing is done twice; of what is installed it tells when that began: a
+# file that is saved meanwhile is newer.
 
 VENV := .venv
 STAMPS := $(VENV)/.stamps
@@ -46,9 +47,9 @@ bench-report: $(STAMPS)/wheels
 check: env $(STAMPS)/test_wheels
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES) benchmarks
-	$(RUN)/python scripts/sizes.py
 	$(RUN)/pytest -q -n 0 test/architecture test/config
 	PATH="$(CURDIR)/$(RUN):$$PATH" scripts/check_colcon.sh
+	$(RUN)/python scripts/sizes.py
 
 # config/*.yaml and docs/parameters.md from the parameters classes; out/api/index.html from the docstrings of the library
 docs: env $(STAMPS)/test_wheels
@@ -83,27 +84,31 @@ $(STAMPS)/test_wheels: requirements-test.txt constraints.txt | $(STAMPS)/wheels
 	@touch $@
 
 $(STAMPS)/tf2_msgs: $(wildcard cmake/tf2_msgs/* cmake/tf2_msgs/msg/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
+	@touch $@.begun
 	@echo "env: building tf2_msgs"
 	@scripts/build_interfaces.sh cmake/tf2_msgs $(VENV)
-	@touch $@
+	@mv $@.begun $@
 
 $(STAMPS)/msg_defs: $(wildcard msg_defs/* msg_defs/msg/* msg_defs/srv/* msg_defs/action/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
+	@touch $@.begun
 	@echo "env: building sphere_nav_msgs"
 	@scripts/build_interfaces.sh msg_defs $(VENV)
-	@touch $@
+	@mv $@.begun $@
 
 $(STAMPS)/sources: FORCE | $(STAMPS)/wheels
 	@echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" > $@
 
 $(STAMPS)/sphere_nav: $(SOURCES) $(STAMPS)/sources $(STAMPS)/wheels scripts/install_package.sh
+	@touch $@.begun
 	@echo "env: installing sphere_nav"
 	@scripts/install_package.sh $(VENV)
-	@touch $@
+	@mv $@.begun $@
 
 $(STAMPS)/kernels: $(filter %/kernels.py %/warm_up.py,$(SOURCES)) scripts/compile_kernels.sh | $(STAMPS)/sphere_nav
+	@touch $@.begun
 	@echo "env: compiling the kernels (a minute where they are not in the cache)"
 	@scripts/compile_kernels.sh $(VENV)
-	@touch $@
+	@mv $@.begun $@
 
 # --- what CI and a night prove besides: the real ros2, the oldest libraries, a newer Python
 .PHONY: ros2 test-ros2 test-oldest test-newer test-wheel

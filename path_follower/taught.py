@@ -114,7 +114,7 @@ def _split(xy: Array, yaw: Array) -> list[tuple[int, int, int]]:
     steps = np.diff(xy, axis=0)
     middle = yaw[:-1] + 0.5 * ((np.diff(yaw) + np.pi) % (2 * np.pi) - np.pi)
     good = np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle))])
-    from scipy.signal import find_peaks  # a part of a second; the process of the control loop splits nothing
+    from scipy.signal import find_peaks  # a second; the process of the control loop splits nothing
 
     turns = []
     for direction in (1, -1):

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -85,12 +86,14 @@ def nothing_is_left_in_the_checkout() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def numba_is_ready() -> None:
-    """Charge what numba loads with the first kernel of a process to no test: which comes first is chance."""
+def libraries_are_ready() -> None:
+    """Charge what numba and SciPy load in a process with their first call to no test: which comes first is chance."""
     if "numba" in sys.modules:
         from sphere_nav.estimation.kernels import newton_step
 
         newton_step(np.eye(6), np.zeros(6), 0)
+    if "path_follower.taught" in sys.modules:
+        import_module("scipy.signal")
 
 
 def visible() -> set[str]:
