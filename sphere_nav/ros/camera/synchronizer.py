@@ -6,19 +6,15 @@ that correct the rig), it waits for here. It knows no ROS.
 
 from __future__ import annotations
 
-import zlib
 from bisect import insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.localization.constants import FROZEN_IMAGES, SAMPLE_STEP
 from sphere_nav.ros.constants import BACK_NS, MAX_MISSES
-
-Image = NDArray[Any]  # levels, or metres of a depth camera
 
 
 @dataclass
@@ -81,7 +77,7 @@ class Synchronizer:
     def clear(self) -> None:
         """Forget everything with a stamp: the clock jumped."""
         self._open: list[_Open] = []
-        self._prints: dict[str, int] = {}
+        self._samples: dict[str, Any] = {}  # of the newest image of each
         self._closed_ns = -BACK_NS
         for health in self.health.values():
             health.last_stamp_ns, health.num_repeats, health.num_misses = -1, 0, 0
@@ -146,13 +142,12 @@ class Synchronizer:
 
     def _note(self, name: str, stamp_ns: int, image: Any) -> None:
         """Take down what a camera delivers, and whether that is new."""
-        health, is_image = self.health[name], isinstance(image, np.ndarray)
-        print_now = fingerprint(image) if is_image else 0
-        is_repeat = is_image and image.dtype == np.uint8 and self._prints.get(name) == print_now
+        health, is_image = self.health[name], isinstance(image, np.ndarray) and image.dtype == np.uint8
+        sample = image[::SAMPLE_STEP, ::SAMPLE_STEP].copy() if is_image else None
+        is_repeat = sample is not None and np.array_equal(sample, self._samples.get(name))
+        self._samples[name] = sample
         health.num_repeats = health.num_repeats + 1 if is_repeat else 0
         health.num_images, health.num_misses, health.last_stamp_ns = health.num_images + 1, 0, stamp_ns
-        if is_image:
-            self._prints[name] = print_now
 
     def _close(self, one: _Open) -> Instant:
         """Check the cameras of an instant."""
@@ -177,8 +172,3 @@ class Synchronizer:
         """Return cameras whose image has not changed for long while others' has."""
         stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_IMAGES}
         return stuck if len(stuck) < len([n for n in self.names if self.health[n].num_images]) else set()
-
-
-def fingerprint(image: Image) -> int:
-    """Return a number that equal images share."""
-    return zlib.crc32(np.ascontiguousarray(image[::SAMPLE_STEP, ::SAMPLE_STEP]).tobytes())
