@@ -55,7 +55,6 @@ SETTLE = 0.5  # s from the last awaited listener to the first message: the other
 CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
 TOPICS_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
 RECORDER_QUEUE = 100  # messages of a topic that may wait while the disk is slow
-OFFERS_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
 LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
 FLUSH_PERIOD = 5.0  # s of wall time: what a killed process can lose; the index of each chunk stays in memory
 

@@ -20,16 +20,16 @@ KINDS: dict[type[Any], tuple[str, type[Any], float]] = {  # ranges in a descript
     float: ("floating_point_range", FloatingPointRange, math.inf),
     int: ("integer_range", IntegerRange, 2**63 - 1),
 }
-CLOCK_CHOICE = "use_sim_time"
+CLOCK_CHOICE = "use_sim_time"  # of rclpy; silence is judged by that clock
 
 
-def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str], *others: str) -> None:
-    """Declare every value of `cls`; an override out of range raises ValueError naming parameter, expected and found.
+def declare(node: Node, why_fixed: Callable[[], str], *classes: type[Any]) -> None:
+    """Declare every value of some classes; ValueError names an override out of range, expected and found.
 
-    `why_fixed` is asked when somebody later sets a parameter that is not live, or one of `others`, which are of rclpy:
-    a reason refuses it, "" allows it. rclpy asks what was added last first: what it does itself comes at the end.
+    `why_fixed` is asked when somebody later sets a parameter that is not live, or chooses another clock: a reason
+    refuses it, "" allows it. rclpy asks what was added last first: what it does itself comes at the end.
     """
-    known = {leaf.name: leaf for leaf in leaves(cls)}
+    known = {leaf.name: leaf for cls in classes for leaf in leaves(cls)}
     for name, leaf in known.items():
         value = _override(node, leaf)
         leaf.check(value)
@@ -42,8 +42,8 @@ def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str], *others: s
                 known[change.name].check(change.value)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        fixed = [change.name for change in changes if change.name in others]
-        fixed += [change.name for change in ours if not known[change.name].is_live]
+        live = {name for name, leaf in known.items() if leaf.is_live}
+        fixed = [change.name for change in changes if change.name in (known.keys() | {CLOCK_CHOICE}) - live]
         reason = why_fixed() if fixed else ""
         return SetParametersResult(successful=not reason, reason=f"{fixed[0]}: {reason}" if reason else "")
 

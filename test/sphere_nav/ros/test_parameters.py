@@ -30,7 +30,7 @@ def make_node(ros):
     def make(reason="", **values):
         overrides = [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
         nodes.append(Node("tested", parameter_overrides=overrides))
-        kit.declare(nodes[-1], Outer, lambda: reason)
+        kit.declare(nodes[-1], lambda: reason, Outer)
         return nodes[-1]
 
     yield make

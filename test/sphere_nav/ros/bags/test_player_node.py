@@ -81,7 +81,7 @@ def test_what_is_played_is_recorded(start, drive, tmp_path):
         assert verify_bag(after) == (61, [])
         counts = {name: info.count for name, info in after.topics.items()}
         assert counts == {"/image_raw": 30, "/stamp": 30, "/latched": 1}
-        assert after.topics["/latched"].profiles[0].durability == qos.TRANSIENT_LOCAL
+        assert after.topics["/latched"].profile.durability == qos.TRANSIENT_LOCAL
         for topic in before.topics:
             pairs = zip(before.messages([topic]), after.messages([topic]), strict=True)
             assert all(first.message == second.message for first, second in pairs)
