@@ -127,10 +127,8 @@ class GuardedExecutor(SingleThreadedExecutor):
 
 
 def entity_name(entity: Any) -> str:
-    """Return what rclpy called: a topic, a service, a timer, or the name of its class."""
+    """Return what rclpy called: a topic, a service, or the name of its class."""
     if entity is None:
         return "task"
-    name = getattr(entity, "topic_name", None) or getattr(entity, "service_name", None)
-    if name is None and hasattr(entity, "timer_period_ns"):
-        name = f"of {entity.timer_period_ns * 1e-9:g} s"
-    return f"{type(entity).__name__.lower()} {name or ''}".rstrip()
+    name = getattr(entity, "topic_name", "") or getattr(entity, "service_name", "")
+    return f"{type(entity).__name__.lower()} {name}".rstrip()

@@ -15,6 +15,7 @@ from sphere_nav.ros.constants import (
     ACKNOWLEDGE_S,
     ACKNOWLEDGED_SIZE,
     CLOCK_PERIOD,
+    EXPLAIN_PERIOD,
     PLAY_BUSY,
     PLAY_TICK,
     SETTLE,
@@ -159,7 +160,7 @@ class BagPlayer(ManagedNode):
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
         self.report("player", WARN if absent else OK, text, done=self.done, total=self.total)
         if absent:
-            self.log.info(text, every=10.0)
+            self.log.info(text, every=EXPLAIN_PERIOD)
             self.begin_at = time.monotonic() + SETTLE
             return True
         self.wait_for.clear()  # for the start only

@@ -13,7 +13,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.writer import free_path
-from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
+from sphere_nav.ros.constants import EXPLAIN_PERIOD, FLUSH_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
@@ -105,9 +105,9 @@ class BagRecorder(ManagedNode):
         words = "; ".join([text, *losses])
         self.report("recording", WARN if absent or losses else OK, words, messages=self.bag.num_messages)
         if absent:
-            self.log.warning(text, every=10.0)
+            self.log.warning(text, every=EXPLAIN_PERIOD)
         for line in losses:
-            self.log.warning(line, every=LOSS_PERIOD, key=line.split()[0])
+            self.log.warning(line, every=EXPLAIN_PERIOD, key=line.split()[0])
 
     def _losses(self) -> list[str]:
         """Return a line for each topic of which messages were published that never arrived."""

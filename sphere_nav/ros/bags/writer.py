@@ -122,9 +122,7 @@ class BagWriter:
         return shlex.join(["sphere_nav", "verify-bag", str(self.partial), "--salvage", str(self.path)])
 
     def _finish(self) -> None:
-        description = self._description()
-        text = yaml.safe_dump({"rosbag2_bagfile_information": description}, sort_keys=False)
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
+        text = yaml.safe_dump({"rosbag2_bagfile_information": self._description()}, sort_keys=False)
         self._mcap.finish()
         _sync_and_close(self._file)
         with (self.partial / METADATA).open("wb") as metadata:

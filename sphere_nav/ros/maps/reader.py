@@ -41,15 +41,11 @@ from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
-def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
-    """Open a map, whose key spheres are read `is_gray` for alignment; BagError for whatever is wrong with it."""
-    return MapReader(path, is_gray=is_gray)
-
-
 class MapReader(BagReader):
     """An open map: the graph is read at once, spheres when they are asked for.
 
-    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
+    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name. Key spheres are read
+    `is_gray` for alignment. BagError for whatever is wrong with it.
     """
 
     def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
@@ -172,3 +168,6 @@ class MapReader(BagReader):
         place = self._chunks[sphere_id].chunk_start_offset
         with told_at(f"{self.path}: chunk at byte {place}", BagError):
             return read_message(self.files[0].stream, place)
+
+
+open_map = MapReader

@@ -90,7 +90,6 @@ class MapWriter(BagWriter):
         self._target, self.details = Path(path), details or MapDetails()
         self._places: dict[int, int] = {}  # of the chunk of each sphere
         self._num_due = 0  # key spheres with which the graph is due
-        self._experiences: list[MapExperience] = []  # that were told with the last one
         check_free(self._target, is_overwriting=is_overwriting)
         new = self._target.with_name(f"{self._target.name}.new") if self._target.exists() else self._target
         super().__init__(new, file_name=FILE_NAME, chunk_size=CHUNK_SIZE)
@@ -110,7 +109,7 @@ class MapWriter(BagWriter):
             self.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
         self._num_due = len(graph) + GRAPH_EVERY
         self.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
-        if any(node.experience != Experience() for node in graph) and not self._experiences:
+        if any(node.experience != Experience() for node in graph):
             self._tell_experiences(graph)  # so that a torn map has them
         self.flush()
 
@@ -151,8 +150,7 @@ class MapWriter(BagWriter):
         self._write_features(nodes, appearance)
         self.flush()
         last = max(node.stamp_ns for node in nodes)
-        if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
-            self._tell_experiences(graph)
+        self._tell_experiences(graph)
         self.write(INFO, _info(graph, self.details), last)
         self.write(GRAPH, _graph_message(graph, self.details), last)
         if self.close() != self._target:
@@ -165,8 +163,7 @@ class MapWriter(BagWriter):
         return f"sphere_nav map-verify {self.partial} --salvage OUT"
 
     def _tell_experiences(self, graph: SphereGraph) -> None:
-        self._experiences = experiences_to_messages(graph, self.details.frame_id)
-        for message in self._experiences:
+        for message in experiences_to_messages(graph, self.details.frame_id):
             self.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
