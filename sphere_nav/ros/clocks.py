@@ -7,7 +7,6 @@ Where time is simulated, what a node does by itself depends on that time alone, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import inf
 
 from sphere_nav.ros.constants import (
     CLOCK_PATIENCE_S,
@@ -43,7 +42,7 @@ class ClockWatch:
     such.
     """
 
-    def __init__(self, give_up: float = inf, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
+    def __init__(self, give_up: float, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
         """`patience`: s of standstill until it counts as a pause; `give_up`: s without a publisher until it is none.
 
         On a slow machine a simulator's clock advances in long steps; patience grows to twice the last ones.

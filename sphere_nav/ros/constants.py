@@ -41,7 +41,6 @@ SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publi
 
 # Failures (test_executor)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
-MAX_RECENT = 3  # failures within that time, and something does not work
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 LOG_PERIOD_S = 5.0  # between two equal lines of the log, and two of requests that failed alike (test_node)

@@ -31,7 +31,7 @@ def base_topic(topic: str) -> str:
 class ThrottledLog:
     """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
 
-    It remembers the keys that came last, MAX_KEYS of them: texts that never come again are forgotten.
+    It remembers MAX_KEYS keys, and then begins anew: texts that never come again are forgotten.
     """
 
     MAX_KEYS: ClassVar[int] = 200
@@ -61,10 +61,9 @@ class ThrottledLog:
         now = self._clock()
         if now - self._last.get(key, float("-inf")) < every:
             return False
-        self._last.pop(key, None)  # the oldest stand first
+        if len(self._last) >= self.MAX_KEYS:
+            self._last.clear()
         self._last[key] = now
-        if len(self._last) > self.MAX_KEYS:
-            del self._last[next(iter(self._last))]
         return True
 
 

@@ -65,7 +65,7 @@ class RclpyShell(Endpoints, Node):
         self.failures = failures or CallbackFailures(self.log)
         self.is_active = False
         self._entities = ExitStack()  # destroyed when the node is cleaned up
-        self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
+        self._was_active = False  # at the last look
         self._own_publishers: list[Publisher] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -222,16 +222,15 @@ class RclpyShell(Endpoints, Node):
         self._diagnostics.publish(array)
 
     def _tell_ready(self) -> None:
-        """Say once what the node works with, and once more when all has come; the rates are those of a second."""
-        heard = [wanted for wanted in self.inputs if wanted.is_required or wanted.num_received]
-        counts = {wanted.resolved: wanted.num_received for wanted in heard}
-        before, self._counts = self._counts, counts if self.is_active else None
-        if not self.is_active or before is None:
+        """Say once what the node works with, and once more when all has come, after a second in which it may come."""
+        was_active, self._was_active = self._was_active, self.is_active
+        if not was_active or not self.is_active:
             return
-        rates = {topic: (count - before.get(topic, 0)) / HEALTH_PERIOD for topic, count in counts.items()}
-        lacks = self._lack() or ", ".join(topic for topic, count in counts.items() if not count)
-        reads = ", ".join(f"{topic} {rate:g} Hz" for topic, rate in rates.items())
-        sends = ", ".join(publisher.topic_name for publisher in self._own_publishers)
+        heard = {
+            wanted.resolved: wanted.num_received for wanted in self.inputs if wanted.is_required or wanted.num_received
+        }
+        lacks = self._lack() or ", ".join(topic for topic, count in heard.items() if not count)
+        reads, sends = ", ".join(heard), ", ".join(publisher.topic_name for publisher in self._own_publishers)
         what = "".join(f"; {one}" for one in (self._subject(), reads and f"reads {reads}", f"sends {sends}") if one)
         word = f"waits for {lacks}" if lacks else "ready"
         self.log.info(f"{word}: {software()}{what}", every=inf, key=word)

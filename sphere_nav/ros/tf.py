@@ -201,13 +201,10 @@ class TransformListener(TransformTree):
         for transform in message.transforms:
             try:
                 if not self._ignored or transform.header.frame_id != self._ignored:
-                    self._report(self.add(transform, is_static=is_static), transform.child_frame_id)
+                    change = self.add(transform, is_static=is_static)
+                    if change:
+                        self._endpoints.tell("tf parents", WARN, change, change, every=LOG_PERIOD_S)
             except ValueError as error:
                 refusals.append(str(error))
         if refusals:
             raise ValueError("; ".join(refusals))
-
-    def _report(self, change: str, child: str) -> None:
-        if change:
-            self._endpoints.log.warning(change, every=LOG_PERIOD_S, key=f"parent of {child}")
-            self._endpoints.report("tf parents", WARN, change)

@@ -136,7 +136,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
 }  # fmt: skip
 # Parts of the above that have no reset of their own.
 PARTS = {
-    CameraHealth.__name__: {"num_images", "num_missing", "num_refused", "problem"},
+    CameraHealth.__name__: {"num_missing", "problem"},
     Limiter.__name__: {"params", "is_launch", "last", "gain"},
     "Follower": set(RESETS["Arming"][2].split()),
     "_Edge": {"parent", "fixed"},

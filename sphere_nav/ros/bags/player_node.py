@@ -158,9 +158,9 @@ class BagPlayer(ManagedNode):
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        self.report("player", WARN if absent else OK, text, done=self.done, total=self.total)
+        values = {"done": self.done, "total": self.total}
+        self.endpoints.tell("player", WARN if absent else OK, text, text * bool(absent), every=EXPLAIN_PERIOD, **values)
         if absent:
-            self.log.info(text, every=EXPLAIN_PERIOD)
             self.begin_at = time.monotonic() + SETTLE
             return True
         self.wait_for.clear()  # for the start only

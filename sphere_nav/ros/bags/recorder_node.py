@@ -103,11 +103,9 @@ class BagRecorder(ManagedNode):
         text = f"waiting for a publisher of {', '.join(absent)}" if absent else f"{len(self.recorded)} topics"
         losses = self._losses()
         words = "; ".join([text, *losses])
-        self.report("recording", WARN if absent or losses else OK, words, messages=self.bag.num_messages)
-        if absent:
-            self.log.warning(text, every=EXPLAIN_PERIOD)
-        for line in losses:
-            self.log.warning(line, every=EXPLAIN_PERIOD, key=line.split()[0])
+        change = " ".join([*absent, *(line.split()[0] for line in losses)])
+        level, num_messages = WARN if change else OK, self.bag.num_messages
+        self.endpoints.tell("recording", level, words, change, every=EXPLAIN_PERIOD, messages=num_messages)
 
     def _losses(self) -> list[str]:
         """Return a line for each topic of which messages were published that never arrived."""

@@ -85,11 +85,6 @@ class Cameras:
         return sum(stream.images.num_lost for stream in self._streams.values())
 
     @property
-    def num_refused(self) -> int:
-        """Images of all cameras that were refused."""
-        return sum(stream.images.num_refused for stream in self._streams.values())
-
-    @property
     def fault(self) -> Verdict:
         """What is wrong with a camera that took no part in the last instant; of the only one its images tell it."""
         return next((fault for fault in self._faults.values() if fault is not FINE), FINE)

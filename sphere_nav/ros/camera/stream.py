@@ -115,39 +115,43 @@ class CameraStream:
             raise
 
     def _on_image(self, message: AnyImage) -> None:
-        """Hand on one image; ValueError where it cannot be used."""
-        stamp, frame = conversions.stamp_ns(message), message.header.frame_id
+        """Hand on one image; ValueError for one that cannot be used whatever comes."""
+        stamp = conversions.stamp_ns(message)
         ahead = ahead_s(stamp, self._endpoints.now_ns())
         if ahead:
             detail = f"stamp is {ahead:.3f} s ahead of the clock"
             self._on_refusal(stamp, Verdict(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
             raise ValueError(detail)
-        with self._answering(stamp, Reason.BAD_INFO):
-            camera = self._find_camera(message)
-        with self._answering(stamp, Reason.TF_STALE):
-            self.T_base_camera = T_base_camera = self.T_base_camera or self._look_up(frame, camera)
-        with self._answering(stamp, Reason.BAD_INFO, ONE_CAMERA):
-            self._check_frames(frame)
-        with self._answering(stamp, Reason.BAD_INFO, ENCODINGS):
+        try:
+            camera, T_base_camera = self._find_camera(message)
+        except ValueError as error:
+            reason = Reason.BAD_INFO if self.camera is None else Reason.TF_STALE
+            self._on_refusal(stamp, Verdict(reason, detail=str(error)))
+            return
+        with self._answering(stamp, ONE_CAMERA):
+            self._check_frames(message.header.frame_id)
+        with self._answering(stamp, ENCODINGS):
             image = read_gray(message, (camera.width, camera.height), self._levels)
         odometry = self._odometry.predict(stamp)
         self._on_picture(Picture(image, camera, stamp, T_base_camera, odometry, self._name))
 
     @contextmanager
-    def _answering(self, stamp: int, reason: Reason, advice: str = "") -> Iterator[None]:
+    def _answering(self, stamp: int, advice: str) -> Iterator[None]:
         """Answer an image by the ValueError that says why it is of no use."""
         try:
             yield
         except ValueError as error:
-            self._on_refusal(stamp, Verdict(reason, detail=str(error), advice=advice))
+            self._on_refusal(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
             raise
 
-    def _find_camera(self, message: AnyImage) -> Camera:
+    def _find_camera(self, message: AnyImage) -> tuple[Camera, SE3]:
+        """Return the camera and T_base_camera; ValueError while nobody says them."""
         if self._params.is_panorama and self.camera is None:
             self._on_info(message.header.frame_id, lambda: panorama_of(message))
         if self.camera is None:
             raise ValueError(self._fault)
-        return self.camera
+        self.T_base_camera = self.T_base_camera or self._look_up(message.header.frame_id, self.camera)
+        return self.camera, self.T_base_camera
 
     def _look_up(self, image_frame: str, camera: Camera) -> SE3:
         """Return T_base_camera; ValueError while nobody says it."""

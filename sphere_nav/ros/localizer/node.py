@@ -112,14 +112,12 @@ class LocalizerNode(ManagedNode):
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
         self.waits_since_ns = self.own_ns()
         self.intake = self.make_intake()
-        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id, self.values)
+        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id)
         self.add_subscription(
             "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
         )
-        self.agreement, self.offered_ns = (
-            Agreement(),
-            0,
-        )  # stamp of the last pose that was tried
+        self.agreement = Agreement()
+        self.offered_ns = 0  # stamp of the last pose of the other localiser that was tried
         self.add_subscription("other/pose", PoseWithCovarianceStamped, self.on_other_pose, qos.STATE, is_required=False)
         self.add_service("~/relocalize", Relocalize, self.on_relocalize)
         self.add_service("~/reset", Trigger, self.on_reset)
@@ -192,10 +190,6 @@ class LocalizerNode(ManagedNode):
         remedy = doubt.remedy(INPUT_REMEDIES)
         return replace(status, reason=str(doubt.reason), value=doubt.value, limit=doubt.limit, remedy=remedy)
 
-    def values(self) -> dict[str, float]:
-        """Return more numbers for the diagnostics."""
-        return {"lost_images": self.intake.num_lost, "refused_images": self.intake.num_refused}
-
     # --- silence
     def on_watch(self) -> None:
         """Say so when images stay away, or none of them can be used, or time itself stands still."""
@@ -251,12 +245,10 @@ class LocalizerNode(ManagedNode):
     def compare(self, source: int, stamp_ns: int, T_map_base: SE3, covariance: Array) -> None:
         """Report what a pose, of ours or of the other localiser, is compared with: ERROR beyond both covariances."""
         found = self.agreement.add(source, stamp_ns, T_map_base, covariance)
-        if found is None:
-            return
-        level, values = (ERROR if found.is_contradiction else OK), {"metres": found.meters, "radians": found.radians}
-        if found.is_contradiction:
-            self.log.error(f"the other localiser contradicts: {found}", every=LOG_PERIOD_S, key="agreement")
-        self.report("agreement", level, str(found), distance=found.distance, **values)
+        if found is not None:
+            level, word = (ERROR, "contradicts") if found.is_contradiction else (OK, "")
+            values = {"distance": found.distance, "metres": found.meters, "radians": found.radians}
+            self.endpoints.tell("agreement", level, f"the other localiser {word or 'agrees'}: {found}", word, **values)
 
     def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Search around a given pose of the base; ValueError for a wrong frame, NaN, or a pose off the map."""

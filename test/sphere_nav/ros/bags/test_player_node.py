@@ -183,8 +183,9 @@ def test_what_is_lost_is_told_by_topic(recorder, tmp_path):
         wanted.count(number, 1)
         wanted.deliver(b"")
     node._look()
-    line = "/text: 4 of 9 messages lost (44.4%)"
-    assert (node.reports["recording"][:2], lines) == ((WARN, f"1 topics; {line}"), [line])
+    loss = "/text: 4 of 9 messages lost (44.4%)"
+    line = f"1 topics; {loss}"
+    assert (node.reports["recording"][:2], lines) == ((WARN, line), [line])
     shell.destroy_publisher(publisher)
     shell.stop()
-    assert lines[1:] == [line]
+    assert lines[1:] == [loss]

@@ -97,7 +97,6 @@ def test_repeated_and_backward_stamps_are_refused():
     for stamp in (100 * MS, 50 * MS, 0):
         with pytest.raises(ValueError, match="a: stamp: expected after"):
             sync.put("a", stamp, image(1), 101 * MS)
-    assert sync.health["a"].num_refused == 3
 
 
 class ByStamps:
