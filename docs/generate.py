@@ -54,7 +54,7 @@ sphere_nav plot result -o result.png
 
 | what you see | cause | what to do |
 | --- | --- | --- |
-| `waits for ...` | the node lacks this; map, topics and rates follow | give it that, until `ready: ...` comes |
+| `waits for ...` | the node lacks this; map and topics follow | give it that, until `ready: ...` comes |
 | `waiting for image_raw (...): no publisher` | the camera's topic has another name | set `driver`, or remap the topic |
 | `... is incompatible: reliability` | the publisher is best effort, or volatile | `qos_overrides`, as the line says |
 | `taking F as base_link` | the place of the camera is not known | publish `/tf_static`, or set `mounting` |

@@ -90,7 +90,7 @@ def change(bag: Path, topic: str, edit: Callable[[Any], Any]) -> Path:
     changed = bag.with_name(f"{bag.name} changed")
     with BagReader(bag) as reader, BagWriter(changed) as writer:
         for info in reader.topics.values():
-            writer.add_topic(info.name, info.type, *info.profiles)
+            writer.add_topic(info.name, info.type, info.profile)
         for name, stamp, message in reader.messages():
             writer.write(name, edit(message) if name == topic else message, stamp)
     return changed

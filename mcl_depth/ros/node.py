@@ -120,11 +120,6 @@ class MclDepthNode(LocalizerNode):
         if self.filter is not None:
             self.filter.reset()
 
-    def values(self) -> dict[str, float]:
-        """Return more numbers for the diagnostics."""
-        kept = {"depth_images": len(self.filter.map.cache)} if self.filter is not None else {}
-        return super().values() | kept
-
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         """Search everywhere."""
         self.given = None

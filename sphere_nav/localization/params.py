@@ -51,5 +51,4 @@ class NodeParams:
     every_image: bool = param(
         False, "reliable and deep queues: a slow computer answers late but drops none, and answers the same"
     )
-    max_waiting: int = param(50, "images kept until calibration and the camera's transform have come", low=1)
     publish_tf: bool = param(True, "publish map -> odom where anyone publishes odom -> base, else map -> base_frame")

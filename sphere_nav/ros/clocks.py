@@ -7,7 +7,6 @@ Where time is simulated, what a node does by itself depends on that time alone, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import inf
 
 from sphere_nav.ros.constants import (
     CLOCK_PATIENCE_S,
@@ -30,7 +29,9 @@ def check_stamp(stamp_ns: int, now_ns: int, name: str) -> None:
     """Raise ValueError for a stamp that is too far ahead of the clock."""
     found = ahead_s(stamp_ns, now_ns)
     if found:
-        raise ValueError(f"{name}: stamp: expected at most {MAX_AHEAD_NS * 1e-9:g} s ahead, found {found:.3f} s")
+        raise ValueError(
+            f"{name}: stamp: expected at most {MAX_AHEAD_NS * 1e-9:g} s ahead of the clock, found {found:.3f} s"
+        )
 
 
 class ClockWatch:
@@ -41,7 +42,7 @@ class ClockWatch:
     such.
     """
 
-    def __init__(self, give_up: float = inf, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
+    def __init__(self, give_up: float, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
         """`patience`: s of standstill until it counts as a pause; `give_up`: s without a publisher until it is none.
 
         On a slow machine a simulator's clock advances in long steps; patience grows to twice the last ones.
@@ -105,8 +106,6 @@ class SimulatedTicks:
 
 def time_of(stamp_ns: int, endpoints: Endpoints) -> int:
     """Return the own time from which a message counts, never later than now; ValueError for a stamp too far ahead."""
-    lead = stamp_ns - endpoints.now_ns()
-    if lead > MAX_AHEAD_NS:
-        limit, found = MAX_AHEAD_NS / 1e9, lead / 1e9
-        raise ValueError(f"header.stamp: expected at most {limit:g} s ahead of the clock, found {found:.3f} s")
-    return endpoints.own_ns() + min(lead, 0)
+    now_ns = endpoints.now_ns()
+    check_stamp(stamp_ns, now_ns, "header")
+    return endpoints.own_ns() + min(stamp_ns - now_ns, 0)

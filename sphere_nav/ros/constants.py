@@ -28,7 +28,7 @@ AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need
 TRANSFORM_PERIOD_S = 0.05  # between two of them while no image comes
 ODOMETRY_PATIENCE_NS = 500_000_000  # for odometry on /tf to come up to the stamp of an image
 
-# A localiser's node (localizer/test_node, localizer/test_peer_localizer)
+# A localiser's node (localizer/test_node)
 WATCH_PERIOD_S = 0.25  # between two looks at a silent camera
 STANDSTILL_S = 1.0  # without an advance of /clock, and without its publisher, before the status says so
 FIRST_IMAGE_S = 2.0  # without any image before it is said
@@ -41,10 +41,9 @@ SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publi
 
 # Failures (test_executor)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
-MAX_RECENT = 3  # failures within that time, and something does not work
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
-LOG_PERIOD_S = 5.0  # between two equal lines of the log
+LOG_PERIOD_S = 5.0  # between two equal lines of the log, and two of requests that failed alike (test_node)
 
 # Bags that are played and recorded (bags/test_player_node, bags/test_player, bags/test_writer)
 PLAY_TICK = 0.005  # s between two looks at what is due
@@ -55,8 +54,6 @@ SETTLE = 0.5  # s from the last awaited listener to the first message: the other
 CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
 TOPICS_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
 RECORDER_QUEUE = 100  # messages of a topic that may wait while the disk is slow
-OFFERS_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
-LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
 FLUSH_PERIOD = 5.0  # s of wall time: what a killed process can lose; the index of each chunk stays in memory
 
 # Compositions (test_compositions)
@@ -66,4 +63,3 @@ MAX_RESTARTS = 5  # of one node; more would hide that something is broken
 # Diagnostics and the log (test_qos, test_service)
 HEALTH_PERIOD = 1.0  # s between two diagnostics
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
-REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered; test_node

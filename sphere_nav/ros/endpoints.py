@@ -18,7 +18,7 @@ from sphere_nav.ros.service import Handler
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
-OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
 Entry = tuple[int, str, dict[str, Any]]  # of the diagnostics: level, line and values
 Answer = Callable[[Any, str], None]  # gets the response and an empty text, or None and why there is none
 
@@ -31,7 +31,7 @@ def base_topic(topic: str) -> str:
 class ThrottledLog:
     """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
 
-    It remembers the keys that came last, MAX_KEYS of them: texts that never come again are forgotten.
+    It remembers MAX_KEYS keys, and then begins anew: texts that never come again are forgotten.
     """
 
     MAX_KEYS: ClassVar[int] = 200
@@ -61,10 +61,9 @@ class ThrottledLog:
         now = self._clock()
         if now - self._last.get(key, float("-inf")) < every:
             return False
-        self._last.pop(key, None)  # the oldest stand first
+        if len(self._last) >= self.MAX_KEYS:
+            self._last.clear()
         self._last[key] = now
-        if len(self._last) > self.MAX_KEYS:
-            del self._last[next(iter(self._last))]
         return True
 
 
@@ -234,7 +233,7 @@ class Endpoints(ABC):
         return sorted(set(names)) if is_of_one else names
 
     def report(self, name: str, level: int, message: str, **values: Any) -> None:
-        """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""
+        """Set the diagnostic entry `name`: OK, WARN or ERROR, one line, and named values."""
         self.reports[name] = (level, message, values)
 
     def tell(self, name: str, level: int, message: str, change: str, *, every: float = 0.0, **values: Any) -> None:

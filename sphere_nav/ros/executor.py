@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,8 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.task import Future
 
-from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_RECENT, MAX_WAITS, PAUSE_S, RECENT_S
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Entry, ThrottledLog
+from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_WAITS, PAUSE_S, RECENT_S
+from sphere_nav.ros.endpoints import ERROR, OK, Entry, ThrottledLog
 from sphere_nav.ros.service import one_line
 
 
@@ -33,7 +32,7 @@ class CallbackFailures:
         self._log, self._clock = log, clock
         self.num_failed = 0
         self.last_failure = ""
-        self._times_s: deque[float] = deque(maxlen=MAX_RECENT)  # of the last ones
+        self._last_s = 0.0  # when the last one was
         self._traced: set[str] = set()
 
     def add(self, error: BaseException, where: str) -> None:
@@ -41,7 +40,7 @@ class CallbackFailures:
         frames = traceback.extract_tb(error.__traceback__)
         place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "nowhere"
         self.num_failed += 1
-        self._times_s.append(self._clock())
+        self._last_s = self._clock()
         self.last_failure = f"{where}: {one_line(error)} ({place})"
         kind = f"{type(error).__name__} {where} {place}"
         if kind not in self._traced:
@@ -57,10 +56,9 @@ class CallbackFailures:
             self.add(error, where)
 
     def examine(self) -> Entry:
-        """Return level, line and count for the diagnostics; ERROR while callbacks fail again and again."""
-        num_recent = sum(self._clock() - time_s < RECENT_S for time_s in self._times_s)
-        level = ERROR if num_recent == MAX_RECENT else WARN if num_recent else OK
-        text = self.last_failure if num_recent else "all callbacks succeed"
+        """Return level, line and count for the diagnostics; ERROR for a while after each failure."""
+        is_recent = self.num_failed > 0 and self._clock() - self._last_s < RECENT_S
+        level, text = (ERROR, self.last_failure) if is_recent else (OK, "all callbacks succeed")
         return level, text, {"failed": self.num_failed, "last": self.last_failure}
 
 
@@ -127,10 +125,8 @@ class GuardedExecutor(SingleThreadedExecutor):
 
 
 def entity_name(entity: Any) -> str:
-    """Return what rclpy called: a topic, a service, a timer, or the name of its class."""
+    """Return what rclpy called: a topic, a service, or the name of its class."""
     if entity is None:
         return "task"
-    name = getattr(entity, "topic_name", None) or getattr(entity, "service_name", None)
-    if name is None and hasattr(entity, "timer_period_ns"):
-        name = f"of {entity.timer_period_ns * 1e-9:g} s"
-    return f"{type(entity).__name__.lower()} {name or ''}".rstrip()
+    name = getattr(entity, "topic_name", "") or getattr(entity, "service_name", "")
+    return f"{type(entity).__name__.lower()} {name}".rstrip()

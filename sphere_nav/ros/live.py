@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -21,6 +21,7 @@ from sphere_nav.ros.service import one_line
 from sphere_nav.ros.site_file import check_rules
 
 SUBJECTS = ("map", "cloud", "trajectory", "network", "rig", "input", "bag", "world", "output")  # what a node works on
+Transition = Callable[["LiveShell", LifecycleState], TransitionCallbackReturn]
 
 
 @params_class
@@ -30,6 +31,20 @@ class ShellParams:
     autostart: bool = param(True, "configure and activate at once instead of waiting for a lifecycle manager")
 
 
+def _logged(transition: Transition) -> Transition:
+    """Log what a transition raises, which rclpy would not: an error leads to `on_error`."""
+
+    @wraps(transition)
+    def attempt(shell: LiveShell, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            return transition(shell, state)
+        except Exception:
+            shell.log.error(traceback.format_exc().rstrip())
+            return TransitionCallbackReturn.ERROR
+
+    return attempt
+
+
 class LiveShell(RclpyShell, LifecycleNode):
     """A lifecycle node that carries out what its ManagedNode asks for."""
 
@@ -37,9 +52,7 @@ class LiveShell(RclpyShell, LifecycleNode):
         """`words`: of the command line; ValueError for a parameter or a name in it that cannot be."""
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
         self.is_configured = False
-        parameters.answer_wrong_types(self, self.failures)
-        parameters.declare(self, ShellParams, lambda: "decided when the process starts")
-        parameters.declare(self, node_class.PARAMS, self._why_fixed, parameters.CLOCK_CHOICE)  # silence is judged by it
+        parameters.declare(self, self._why_fixed, ShellParams, node_class.PARAMS)
         self.add_post_set_parameters_callback(self._tune)
         self.node = node_class(self)
         called = node_class.NAME, self.get_name(), self.get_namespace()
@@ -61,6 +74,7 @@ class LiveShell(RclpyShell, LifecycleNode):
             self.trigger_cleanup()
 
     # --- transitions
+    @_logged
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Unconfigured to inactive; a ValueError or OSError of the node is one line in the log."""
         try:
@@ -70,32 +84,37 @@ class LiveShell(RclpyShell, LifecycleNode):
             self.log.error(f"cannot start: {one_line(error)}")
             self._release()
             return TransitionCallbackReturn.FAILURE
-        except Exception:
-            return self._failed()
         self.is_configured = True
         return TransitionCallbackReturn.SUCCESS
 
+    @_logged
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive to active; what was latched meanwhile is delivered."""
         self.is_active = True
-        result = self._attempt(self.node.activate)
-        for wanted in self.node.inputs if result == TransitionCallbackReturn.SUCCESS else ():
+        self.node.activate()
+        for wanted in self.node.inputs:
             while wanted.kept:
                 self.failures.guard(partial(wanted.deliver, wanted.kept.pop(0)), f"subscription {wanted.topic}")
-        return result
+        return TransitionCallbackReturn.SUCCESS
 
+    @_logged
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Active to inactive."""
-        result = self._attempt(self.node.deactivate)
-        self.is_active = False
-        return result
+        try:
+            self.node.deactivate()
+        finally:
+            self.is_active = False
+        return TransitionCallbackReturn.SUCCESS
 
+    @_logged
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive to unconfigured."""
         self.is_configured = False
-        result = self._attempt(self.node.cleanup)
-        self._release()
-        return result
+        try:
+            self.node.cleanup()
+        finally:
+            self._release()
+        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Whatever to finalized."""
@@ -108,17 +127,6 @@ class LiveShell(RclpyShell, LifecycleNode):
         self.is_active = self.is_configured = False
         self._release()
         return TransitionCallbackReturn.SUCCESS
-
-    def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
-        try:
-            step()
-        except Exception:
-            return self._failed()
-        return TransitionCallbackReturn.SUCCESS
-
-    def _failed(self) -> TransitionCallbackReturn:
-        self.log.error(traceback.format_exc().rstrip())  # rclpy swallows it
-        return TransitionCallbackReturn.ERROR
 
     def _tune(self, changes: list[Parameter]) -> None:
         """Hand on live parameters that were changed; the others are read when the node is configured."""

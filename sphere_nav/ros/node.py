@@ -30,9 +30,9 @@ from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import topics_by_driver
-from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Publisher, ThrottledLog
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Publisher, ThrottledLog
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "ManagedNode", "NoParams", "Publisher", "ThrottledLog"]
+__all__ = ["ERROR", "OK", "WARN", "ManagedNode", "NoParams", "Publisher", "ThrottledLog"]
 
 
 @parameters

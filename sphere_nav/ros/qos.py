@@ -63,29 +63,26 @@ def adapted(offers: list[QoSProfile], depth: int) -> QoSProfile:
     )
 
 
-def to_entries(profiles: list[QoSProfile]) -> list[dict[str, Any]]:
-    """Return profiles as rosbag2 writes them in metadata version 9."""
-    return [
-        {
-            "history": "keep_all" if profile.history == HistoryPolicy.KEEP_ALL else "keep_last",
-            "depth": int(profile.depth),
-            "reliability": "best_effort" if profile.reliability == BEST_EFFORT else "reliable",
-            "durability": "transient_local" if profile.durability == TRANSIENT_LOCAL else "volatile",
-            "deadline": dict(INFINITE),
-            "lifespan": dict(INFINITE),
-            "liveliness": "automatic",
-            "liveliness_lease_duration": dict(INFINITE),
-            "avoid_ros_namespace_conventions": False,
-        }
-        for profile in profiles
-    ]
+def to_entry(profile: QoSProfile) -> dict[str, Any]:
+    """Return a profile as rosbag2 writes it in metadata version 9."""
+    return {
+        "history": "keep_all" if profile.history == HistoryPolicy.KEEP_ALL else "keep_last",
+        "depth": int(profile.depth),
+        "reliability": "best_effort" if profile.reliability == BEST_EFFORT else "reliable",
+        "durability": "transient_local" if profile.durability == TRANSIENT_LOCAL else "volatile",
+        "deadline": dict(INFINITE),
+        "lifespan": dict(INFINITE),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(INFINITE),
+        "avoid_ros_namespace_conventions": False,
+    }
 
 
-def profiles_to_yaml(profiles: list[QoSProfile]) -> str:
-    """Return profiles as the text of a channel's `offered_qos_profiles`."""
-    return yaml.safe_dump(to_entries(profiles), sort_keys=False).strip()
+def to_yaml(profile: QoSProfile) -> str:
+    """Return a profile as the text of a channel's `offered_qos_profiles`."""
+    return yaml.safe_dump([to_entry(profile)], sort_keys=False).strip()
 
 
-def from_yaml(text: str) -> list[QoSProfile]:
+def from_yaml(text: str) -> QoSProfile:
     """Return how a topic was offered, as far as it matters: whether its last message holds for who comes later."""
-    return [LATCHED] if LATCHED_TEXT.search(text) else []
+    return LATCHED if LATCHED_TEXT.search(text) else STATE

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from copy import copy
 from math import inf
-from typing import Any, cast
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -25,7 +25,6 @@ from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, Entry, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
-from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import Handler, answer_always, one_line
 from sphere_nav.ros.shared_files import software
 from sphere_nav.ros.subscription import Subscription, full_name
@@ -66,7 +65,7 @@ class RclpyShell(Endpoints, Node):
         self.failures = failures or CallbackFailures(self.log)
         self.is_active = False
         self._entities = ExitStack()  # destroyed when the node is cleaned up
-        self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
+        self._was_active = False  # at the last look
         self._own_publishers: list[Publisher] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -214,8 +213,6 @@ class RclpyShell(Endpoints, Node):
     # --- health
     def _tell_health(self) -> None:
         self._tell_ready()
-        for line in unserved(self, self._own_publishers):
-            self.log.warning(line, every=EXPLAIN_PERIOD)
         inputs = self.inputs if self.is_active else ()
         entries = [*self._life(), (self.callbacks_name, self.failures.examine())]
         entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
@@ -225,16 +222,15 @@ class RclpyShell(Endpoints, Node):
         self._diagnostics.publish(array)
 
     def _tell_ready(self) -> None:
-        """Say once what the node works with, and once more when all has come; the rates are those of a second."""
-        heard = [wanted for wanted in self.inputs if wanted.is_required or wanted.num_received]
-        counts = {wanted.resolved: wanted.num_received for wanted in heard}
-        before, self._counts = self._counts, counts if self.is_active else None
-        if not self.is_active or before is None:
+        """Say once what the node works with, and once more when all has come, after a second in which it may come."""
+        was_active, self._was_active = self._was_active, self.is_active
+        if not was_active or not self.is_active:
             return
-        rates = {topic: (count - before.get(topic, 0)) / HEALTH_PERIOD for topic, count in counts.items()}
-        lacks = self._lack() or ", ".join(topic for topic, count in counts.items() if not count)
-        reads = ", ".join(f"{topic} {rate:g} Hz" for topic, rate in rates.items())
-        sends = ", ".join(publisher.topic_name for publisher in self._own_publishers)
+        heard = {
+            wanted.resolved: wanted.num_received for wanted in self.inputs if wanted.is_required or wanted.num_received
+        }
+        lacks = self._lack() or ", ".join(topic for topic, count in heard.items() if not count)
+        reads, sends = ", ".join(heard), ", ".join(publisher.topic_name for publisher in self._own_publishers)
         what = "".join(f"; {one}" for one in (self._subject(), reads and f"reads {reads}", f"sends {sends}") if one)
         word = f"waits for {lacks}" if lacks else "ready"
         self.log.info(f"{word}: {software()}{what}", every=inf, key=word)
@@ -270,21 +266,3 @@ def examine_input(shell: Any, wanted: Subscription) -> Entry:
         text = "optional, nothing received"
     wanted.num_lost_lately = 0
     return level, text, {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
-
-
-def unserved(node: Node, publishers: Iterable[Publisher]) -> Iterator[str]:
-    """Yield one line for each subscription that one of our publishers cannot serve."""
-    for publisher in publishers:
-        topic = publisher.topic_name
-        if node.count_subscribers(topic) == publisher.get_subscription_count():
-            continue  # all are connected
-        for info in node.get_subscriptions_info_by_topic(topic):
-            reason = _why_not(type_name(cast("type[Any]", publisher.msg_type)), publisher.qos_profile, info)
-            if reason:
-                yield f"{topic}: {full_name(info)} gets nothing: {reason}"
-
-
-def _why_not(kind: str, offered: QoSProfile, info: Any) -> str:
-    if info.topic_type != kind:
-        return f"it asks for {info.topic_type}, sent is {kind}"
-    return qos.mismatch(offered, info.qos_profile)

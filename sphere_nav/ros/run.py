@@ -55,12 +55,21 @@ def run(
     take_short_turns()
     if node_class.LARGE_MESSAGES:
         use_large_segment()
-    nodes: list[ManagedNode] = []  # none before it is made
-    with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
+    overrides = [Parameter(name, value=value) for name, value in (values or {}).items()]
+    shells: list[LiveShell] = []  # none before it is made
+
+    def unfinished() -> str:
+        return "".join(shell.node.unfinished() for shell in shells)
+
+    with until_signal(node_class.PATIENCE, unfinished) as stopped:
 
         def serve() -> int:
-            status = _serve(node_class, words, stopped, values or {}, nodes)
-            return status or int(any(node.unfinished() for node in nodes))
+            try:
+                shells.append(LiveShell(node_class, words, parameter_overrides=overrides))
+            except ValueError as error:
+                sys.stderr.write(f"{node_class.NAME}: {error}\n")
+                return 2
+            return _spin(shells[0], stopped) or int(bool(unfinished()))
 
         return in_context(node_class.NAME, args, serve)
 
@@ -116,20 +125,7 @@ def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Fut
         outer.close()
 
 
-def _serve(
-    node_class: type[ManagedNode],
-    words: Sequence[str],
-    stopped: Future,
-    values: Mapping[str, Any],
-    nodes: list[ManagedNode],
-) -> int:
-    try:
-        overrides = [Parameter(name, value=values[name]) for name in values]
-        shell = LiveShell(node_class, words, parameter_overrides=overrides)
-    except ValueError as error:
-        sys.stderr.write(f"{node_class.NAME}: {error}\n")
-        return 2
-    nodes.append(shell.node)
+def _spin(shell: LiveShell, stopped: Future) -> int:
     shell.finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)

@@ -8,7 +8,7 @@ from typing import Any
 
 from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.params.homes import at_home
-from sphere_nav.ros.constants import REQUEST_PERIOD
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.conversions.frames import plain_frames
 
 Handler = Callable[[Any, Any], Any]
@@ -34,7 +34,7 @@ def answer_always(handler: Handler, name: str, log: Any) -> Handler:
                 refused.success, refused.message = False, one_line(error)
             is_ours = not isinstance(error, ValueError | OSError)
             text = traceback.format_exc().rstrip() if is_ours else one_line(error)
-            log.error(f"{name}: {text}", every=REQUEST_PERIOD, key=f"service {name}: {type(error).__name__}")
+            log.error(f"{name}: {text}", every=LOG_PERIOD_S, key=f"service {name}: {type(error).__name__}")
             return refused
 
     return answer

@@ -84,12 +84,10 @@ def check_rules(words: Sequence[str], node: str, name: str, namespace: str, hear
 
 def _rules(words: Sequence[str], name: str) -> Iterator[str]:
     """Yield the names that rules for a node, or for all, give other ones; those of nodes and namespaces left out."""
-    is_ros = False
-    for before, word in pairwise(["", *words]):
-        is_ros = before != "--" and (is_ros or before == "--ros-args")
+    for before, word in pairwise(words):
         rule = word.partition(":=")[0].removeprefix("rostopic://").removeprefix("rosservice://")
         whose, _, renamed = rule.rpartition(":")
-        if is_ros and before in ("-r", "--remap") and whose in ("", name) and not renamed.startswith("__"):
+        if before in ("-r", "--remap") and whose in ("", name) and not renamed.startswith("__"):
             yield renamed
 
 

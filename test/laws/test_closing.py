@@ -16,7 +16,6 @@ from std_msgs.msg import String
 from dense_localizer.references.prefetch import SpherePrefetch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.ros.bags import BagReader, BagWriter
-from sphere_nav.ros.maps.compact import Spool
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.maps.writer import save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -53,12 +52,6 @@ def read_map(folder: Path) -> Any:
     return reader
 
 
-def spool(folder: Path) -> Spool[bytes]:
-    spool = Spool(bytes, folder)
-    spool.add(1, b"one")
-    return spool
-
-
 def scene(folder: Path) -> Scene:
     scene = Scene(MemoryMap(GRAPH))
     scene.render(SE3.identity(), Pinhole(32, 24, 30.0, 30.0, 15.5, 11.5))
@@ -71,7 +64,7 @@ def prefetch(folder: Path) -> SpherePrefetch:
     return prefetch
 
 
-OPENED = {open_.__name__: open_ for open_ in (bag, read_bag, read_map, spool, scene, prefetch)}
+OPENED = {open_.__name__: open_ for open_ in (bag, read_bag, read_map, scene, prefetch)}
 
 
 def held() -> tuple[set[str], set[int | None]]:

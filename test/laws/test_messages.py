@@ -18,7 +18,7 @@ from sphere_nav_msgs.msg import FollowerStatus
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.ros import conversions as c
 from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.conversions import driving, images
+from sphere_nav.ros.conversions import driving
 from sphere_nav.spheres.sphere import Sphere
 
 LENS, WHOLE = Pinhole(40, 30, 30.0, 31.0, 19.5, 14.5), Spherical(64, 32)
@@ -91,12 +91,12 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
                         "found 3 x 2"),
     "sphere of few pixels": (lambda: c.message_to_sphere(bare_sphere(image=bytes(9))), "image: expected 2048 bytes"),
     "sphere of few ranges": (lambda: c.message_to_sphere(bare_sphere(range=bytes(9))), "range: expected 4096 bytes"),
-    "depth of nothing": (lambda: images.decompress(CompressedImage(format="16UC1; compressedDepth", data=bytes(12))),
+    "depth of nothing": (lambda: c.depth_to_meters(CompressedImage(format="16UC1; compressedDepth", data=bytes(12))),
                          "expected a header of 12 bytes and a PNG, found 12"),
-    "depth without scale": (lambda: images.decompress(depth(DEPTH, (0, np.inf, 0.0), "32FC1; compressedDepth png")),
+    "depth without scale": (lambda: c.depth_to_meters(depth(DEPTH, (0, np.inf, 0.0), "32FC1; compressedDepth png")),
                             "expected finite depth parameters"),
-    "depth of bytes": (lambda: images.decompress(depth(DEPTH.astype(np.uint8))), "a PNG of one channel of 16 bits"),
-    "depth by rvl": (lambda: images.decompress(depth(DEPTH, form="16UC1; compressedDepth rvl")), "format of"),
+    "depth of bytes": (lambda: c.depth_to_meters(depth(DEPTH.astype(np.uint8))), "a PNG of one channel of 16 bits"),
+    "depth by rvl": (lambda: c.depth_to_meters(depth(DEPTH, form="16UC1; compressedDepth rvl")), "format of"),
 }  # fmt: skip
 
 
@@ -116,8 +116,9 @@ def test_what_is_just_within_is_taken() -> None:
         found = c.path_to_poses(path(frame))
         assert [stamp for stamp, _ in found] == [1, 2]
         np.testing.assert_allclose(found[1][1].matrix, (T @ T).matrix, atol=1e-12)
-    assert c.image_to_array(images.decompress(depth(DEPTH))).tolist() == DEPTH.tolist()
-    meters = c.image_to_array(images.decompress(depth(DEPTH, (0, 6.0, 1.0), "32FC1; compressedDepth png")))
+    meters = np.where(DEPTH, DEPTH * np.float32(1e-3), np.float32(np.nan))
+    np.testing.assert_array_equal(c.depth_to_meters(depth(DEPTH)), meters)
+    meters = c.depth_to_meters(depth(DEPTH, (0, 6.0, 1.0), "32FC1; compressedDepth png"))
     np.testing.assert_array_equal(meters, [[np.nan, np.nan, 6.0], [3.0, 2.0, 1.5]])
     assert np.isnan(c.message_to_sphere(bare_sphere(range_encoding="", range=b"")).range_m).all()
 

@@ -53,7 +53,6 @@ from sphere_nav.ros.camera.synchronizer import CameraHealth, Synchronizer
 from sphere_nav.ros.clocks import SimulatedTicks
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.localizer.map_transform import MapTransform
-from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformTree
 from worlds.localizer import make_map
@@ -90,7 +89,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Answered": (lambda: Answered(None, print, print), "forget", "endpoints answer catch_up is_patient"),
     "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
-                     "endpoints params tf odometry on_picture on_refusal name lens place waiting images lens_topics"),
+                     "endpoints params tf odometry on_picture on_refusal name lens place images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
@@ -119,8 +118,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
     "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),
     "OdometryInput": (odometry_input, "reset", "endpoints tree base_frame topic"),
-    "PeerLocalizer": (lambda: PeerLocalizer(endpoints(), "map", bool, print), "clear",
-                      "endpoints frame is_wanted search"),
     "PosePrior": (lambda: PosePrior(PriorParams()), "reset", "params drift inter_frame"),  # drift: from each start on
     "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
                    "references params is_automatic startup"),
@@ -139,7 +136,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
 }  # fmt: skip
 # Parts of the above that have no reset of their own.
 PARTS = {
-    CameraHealth.__name__: {"num_images", "num_missing", "num_refused", "problem"},
+    CameraHealth.__name__: {"num_missing", "problem"},
     Limiter.__name__: {"params", "is_launch", "last", "gain"},
     "Follower": set(RESETS["Arming"][2].split()),
     "_Edge": {"parent", "fixed"},

@@ -121,8 +121,7 @@ class RigIntake:
         """Yield what, level, why and numbers for the diagnostics, of every camera and of the cloud."""
         for name, health in self.sync.health.items():
             level = OK if not health.problem else ERROR if health.problem.startswith("frozen") else WARN
-            values = {"images": health.num_images, "missing": health.num_missing, "refused": health.num_refused}
-            yield f"camera {name}", level, health.problem or "delivers", values
+            yield f"camera {name}", level, health.problem or "delivers", {"missing": health.num_missing}
         if self.params.has_cloud:
             problem = "" if self._has_points else f"no cloud within {MAX_CLOUD_AGE_S} s of the instant"
             yield "points", WARN if problem else OK, problem or "delivers", {}

@@ -51,9 +51,9 @@ def salvage(source: Path, target: Path, progress: Progress = lambda step: None) 
         raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
     with BagWriter(target, suffix=SALVAGING) as bag:
         for schema, channel, message in chain.from_iterable(map(whole_messages, files)):
-            offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
+            profile = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
             with suppress(BagError):  # of two types on a topic the first one
-                bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
+                bag.add_topic(channel.topic, schema.name, profile, schema=schema)
                 bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
                 progress(1)
         if not bag.num_messages:

@@ -89,7 +89,7 @@ class ForeignBag:
         for connection in self._reader.connections:
             name = _topic_of(connection)
             kind = RENAMED.get(connection.msgtype, connection.msgtype)
-            known = topics.setdefault(name, TopicInfo(name, kind, 0, _profiles(connection), ""))
+            known = topics.setdefault(name, TopicInfo(name, kind, 0, _profile(connection), ""))
             known.count += int(connection.msgcount)
         return topics
 
@@ -120,12 +120,12 @@ def _topic_of(connection: Connection) -> str:
     return "/" + connection.topic.lstrip("/")
 
 
-def _profiles(connection: Connection) -> list[QoSProfile]:
+def _profile(connection: Connection) -> QoSProfile:
     """Return how a topic was offered, as far as it matters: whether its last message holds for who comes later."""
     offered = getattr(connection.ext, "offered_qos_profiles", ())
     is_latched = bool(getattr(connection.ext, "latching", 0)) or _topic_of(connection) == "/tf_static"
     is_latched |= any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
-    return [qos.LATCHED] if is_latched else []
+    return qos.LATCHED if is_latched else qos.STATE
 
 
 def _check_file(file: Path) -> None:

@@ -100,8 +100,8 @@ class McapFile:
         counts = self.summary.statistics.channel_message_counts if self.summary.statistics else {}
         for channel in filter(is_readable, self.summary.channels.values()):
             schema, details = self.summary.schemas.get(channel.schema_id), channel.metadata
-            offers, kind = qos.from_yaml(details.get("offered_qos_profiles", "")), schema.name if schema else ""
-            info = TopicInfo(channel.topic, kind, 0, offers, details.get("topic_type_hash", ""))
+            profile, kind = qos.from_yaml(details.get("offered_qos_profiles", "")), schema.name if schema else ""
+            info = TopicInfo(channel.topic, kind, 0, profile, details.get("topic_type_hash", ""))
             topics.setdefault(channel.topic, info).count += counts.get(channel.id, 0)
         return topics
 

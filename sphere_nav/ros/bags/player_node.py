@@ -15,6 +15,7 @@ from sphere_nav.ros.constants import (
     ACKNOWLEDGE_S,
     ACKNOWLEDGED_SIZE,
     CLOCK_PERIOD,
+    EXPLAIN_PERIOD,
     PLAY_BUSY,
     PLAY_TICK,
     SETTLE,
@@ -56,17 +57,18 @@ class BagPlayer(ManagedNode):
         if self.start_ns > end_ns:
             length = (end_ns - begin_ns) / 1e9
             raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
-        self.latched = {name for name, info in chosen.items() if is_latched(info)}
+        self.outputs = {name: self._output(info) for name, info in chosen.items()}
+        self.latched = {name for name, info in chosen.items() if info.profile.durability == qos.TRANSIENT_LOCAL}
         self.messages = self._from_start(chosen)
         self.next: Recorded | None = next(self.messages, None)
         self.total, self.done = sum(info.count for info in chosen.values()), 0
         self.origin: tuple[float, int] | None = None  # wall time and stamp that belong together
-        self.outputs = {name: self._output(info) for name, info in chosen.items()}
-        self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
-        self.clock_told = 0.0
         self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
         self.begin_at = 0.0
         self.add_timer(PLAY_TICK, self._tick, is_wall=True)
+        self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
+        if self.clock is not None:
+            self.add_timer(CLOCK_PERIOD, self._tell_time, is_wall=True)
 
     def activate(self) -> None:
         """Tell latched topics at once: late listeners still get them."""
@@ -96,10 +98,8 @@ class BagPlayer(ManagedNode):
         return chosen
 
     def _output(self, info: TopicInfo) -> Publisher:
-        is_paced = self.params.rate > 0
-        depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
-        durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
-        profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
+        depth = 10 if self.params.rate else 1000  # small messages pile up before they are acknowledged
+        profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=info.profile.durability)
         name = info.name.lstrip("/")  # in a namespace all that a vehicle recorded goes below it
         return self.add_publisher(name, message_class(info.type), profile)
 
@@ -118,7 +118,6 @@ class BagPlayer(ManagedNode):
         while time.monotonic() < end and (item := self.take()) is not None:
             self._publish(item)
             self.progress(self.done, self.total)
-        self._tell_time()
         if self.next is None:
             self._end()
 
@@ -153,17 +152,15 @@ class BagPlayer(ManagedNode):
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
 
     def _tell_time(self) -> None:
-        now = time.monotonic()
-        if self.clock is not None and self.next is not None and now - self.clock_told >= CLOCK_PERIOD:
-            self.clock_told = now
+        if self.clock is not None and self.next is not None:
             self.clock.publish(Clock(clock=ns_to_time(self.present_ns(self.next))))
 
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        self.report("player", WARN if absent else OK, text, done=self.done, total=self.total)
+        values = {"done": self.done, "total": self.total}
+        self.endpoints.tell("player", WARN if absent else OK, text, text * bool(absent), every=EXPLAIN_PERIOD, **values)
         if absent:
-            self.log.info(text, every=10.0)
             self.begin_at = time.monotonic() + SETTLE
             return True
         self.wait_for.clear()  # for the start only
@@ -174,11 +171,6 @@ class BagPlayer(ManagedNode):
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.done} messages played")
         self.endpoints.finish(0)
-
-
-def is_latched(info: TopicInfo) -> bool:
-    """Return whether a topic was offered as transient local."""
-    return any(profile.durability == qos.TRANSIENT_LOCAL for profile in info.profiles)
 
 
 def main() -> int:

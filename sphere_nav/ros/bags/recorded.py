@@ -33,5 +33,5 @@ class TopicInfo:
     name: str
     type: str
     count: int
-    profiles: list[QoSProfile]
+    profile: QoSProfile  # as it was offered
     hash: str

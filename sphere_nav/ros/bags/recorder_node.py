@@ -13,7 +13,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.writer import free_path
-from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
+from sphere_nav.ros.constants import EXPLAIN_PERIOD, FLUSH_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
@@ -63,7 +63,6 @@ class BagRecorder(ManagedNode):
         if self.bag.path != Path(self.params.output):
             self.log.warning(f"{self.params.output}: something is there already: this recording is {self.bag.path}")
         self.recorded: dict[str, Subscription] = {}
-        self.checked_ns = 0
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
         self.add_timer(TOPICS_PERIOD, self._look, is_wall=True)
         self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
@@ -94,12 +93,8 @@ class BagRecorder(ManagedNode):
         return f"{self.bag.partial}: not complete; '{self.bag.salvage_command}' keeps what is whole"
 
     def _look(self) -> None:
-        """Subscribe to wanted topics that have a publisher; now and then see whether the QoS of others changed."""
-        is_check = self.steady_ns() >= self.checked_ns + OFFERS_PERIOD * 1e9
-        self.checked_ns = self.steady_ns() if is_check else self.checked_ns
+        """Subscribe to wanted topics that have a publisher, and anew where the QoS of those has changed."""
         for topic, kinds in self.ros.get_topic_names_and_types():
-            if topic in self.recorded and not is_check:
-                continue
             if topic in self.wanted or any(belongs(topic, kind, self.params.topic_set) for kind in kinds):
                 offers = [info.qos_profile for info in self.ros.get_publishers_info_by_topic(topic)]
                 if offers:
@@ -108,11 +103,9 @@ class BagRecorder(ManagedNode):
         text = f"waiting for a publisher of {', '.join(absent)}" if absent else f"{len(self.recorded)} topics"
         losses = self._losses()
         words = "; ".join([text, *losses])
-        self.report("recording", WARN if absent or losses else OK, words, messages=self.bag.num_messages)
-        if absent:
-            self.log.warning(text, every=10.0)
-        for line in losses:
-            self.log.warning(line, every=LOSS_PERIOD, key=line.split()[0])
+        change = " ".join([*absent, *(line.split()[0] for line in losses)])
+        level, num_messages = WARN if change else OK, self.bag.num_messages
+        self.endpoints.tell("recording", level, words, change, every=EXPLAIN_PERIOD, messages=num_messages)
 
     def _losses(self) -> list[str]:
         """Return a line for each topic of which messages were published that never arrived."""
@@ -127,16 +120,16 @@ class BagRecorder(ManagedNode):
         present = self.recorded.get(topic)
         if present is not None and not any(qos.mismatch(offer, present.profile) for offer in offers):
             return
+        profile = qos.adapted(offers, RECORDER_QUEUE)
         try:
             message_type = message_class(kind)
-            self.bag.add_topic(topic, kind, *offers)
+            self.bag.add_topic(topic, kind, profile)
         except ValueError as error:
             self.log.error(f"{topic}: cannot be recorded: {error}", every=60.0)
             return
         if present is not None:
             self.remove_subscription(present)
         write = partial(self._write, topic)
-        profile = qos.adapted(offers, RECORDER_QUEUE)
         wanted = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
         if present is not None:
             wanted.num_received, wanted.num_lost = present.num_received, present.num_lost

@@ -29,11 +29,10 @@ from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
-from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.endpoints import Answer, Endpoints, GoalCalls, ThrottledLog
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.service import Handler, answer_always, one_line
+from sphere_nav.ros.service import Handler, answer_always
 from sphere_nav.ros.subscription import Subscription
 
 Node = TypeVar("Node", bound=ManagedNode)
@@ -233,23 +232,10 @@ def replay(
     for topic, stamp, data in bag.raw(topics):
         yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
-            _deliver(bag, topic, data, wanted)
+            kind = CompressedImage if is_compressed(bag, topic, wanted.kind) else wanted.kind
+            wanted.deliver(data if wanted.raw else bag.decode(topic, data, kind))
         yield from bus.settle()
         progress(1)
-
-
-def _deliver(bag: BagReader, topic: str, data: bytes, wanted: Subscription) -> None:
-    """Hand on a message; an image that is compressed and damaged counts as refused, as it would live."""
-    if wanted.raw or not is_compressed(bag, topic, wanted.kind):
-        wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
-        return
-    packed = bag.decode(topic, data, CompressedImage)
-    try:
-        image = decompress(packed)
-    except ValueError as error:
-        wanted.refuse(one_line(error))
-    else:
-        wanted.deliver(image)
 
 
 def find_lead(bag: BagReader, topics: Collection[str]) -> int:
@@ -270,7 +256,7 @@ def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:
 
 
 def is_compressed(bag: BagReader, topic: str, kind: type[Any]) -> bool:
-    """Whether images are wanted from a topic where the bag has compressed ones."""
+    """Whether images are wanted from a topic where the bag has compressed ones: who takes images takes both."""
     return kind is Image and bag.topics[topic].type == type_name(CompressedImage)
 
 

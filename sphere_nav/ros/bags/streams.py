@@ -160,28 +160,28 @@ def _examine_image(message: Image, topic: str) -> Fields:
     """Yield size and encoding, then the encoding with the bits that are used of 16."""
     yield {"width": int(message.width), "height": int(message.height), "encoding": message.encoding}
     has_depth = is_depth(message.encoding, topic)
-    _check_pixels(message, has_depth=has_depth)
+    _size_of(message, has_depth=has_depth)
     if not has_depth and ENCODINGS[message.encoding][0] is np.uint16:
         yield {"encoding": f"{message.encoding}; {used_bits(conversions.image_to_array(message))} bits used"}
 
 
-def _check_pixels(message: Image, *, has_depth: bool) -> None:
-    if not has_depth:
-        conversions.image_to_rgb(message)
-    elif not np.isfinite(conversions.depth_to_meters(message)).any():
+def _size_of(message: conversions.AnyImage, *, has_depth: bool) -> Size:
+    """Return width and height; ValueError for what cannot be used."""
+    pixels = conversions.depth_to_meters(message) if has_depth else conversions.image_to_rgb(message)
+    if has_depth and not np.isfinite(pixels).any():
         raise ValueError("range or depth: expected some measured pixels, found none")
+    return pixels.shape[1], pixels.shape[0]
 
 
 def _examine_compressed(message: CompressedImage, topic: str) -> Fields:
     encoding = COMPRESSED_WORD + "mono16; " * is_sixteen_bit(message) + message.format
     yield {"encoding": encoding}
     try:
-        image = conversions.decompress(message)
+        width, height = _size_of(message, has_depth=is_depth(encoding, topic))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith("format") else f"format {message.format!r}: {text}") from None
-    yield {"width": image.width, "height": image.height}
-    _check_pixels(image, has_depth=is_depth(encoding, topic))
+    yield {"width": width, "height": height}
 
 
 def _examine_info(message: CameraInfo, _: str) -> Fields:

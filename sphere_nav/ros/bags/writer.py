@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from itertools import count
@@ -21,7 +20,6 @@ from rclpy.qos import QoSProfile
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
 from sphere_nav.ros.bags.serialization import serialize_to_store
-from sphere_nav.ros.constants import FLUSH_PERIOD
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
@@ -44,7 +42,6 @@ class BagWriter:
         file_name: str = "",
         chunk_size: int = CHUNK_SIZE,
         is_compressed: bool = True,
-        clock: Callable[[], float] = time.monotonic,
         suffix: str = PARTIAL,
     ) -> None:
         self.path = Path(path)
@@ -60,10 +57,11 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._span: tuple[int, int] | None = None  # from the first stamp to the last
-        self._clock, self._last_flush = clock, clock()
         self._is_open = True
 
-    def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
+    def add_topic(
+        self, topic: str, kind: type[Any] | str, profile: QoSProfile = qos.STATE, *, schema: Schema | None = None
+    ) -> None:
         """Declare a topic (made absolute), its type and the QoS that its publishers offer.
 
         `schema`: the definition where the type may not be installed here.
@@ -77,9 +75,8 @@ class BagWriter:
         if kind_name not in self._schemas:
             encoding, text = (schema.encoding, schema.data) if schema else ("ros2msg", schema_text(kind_name).encode())
             self._schemas[kind_name] = self._mcap.register_schema(kind_name, encoding, text)
-        offers = list(profiles) or [qos.STATE]
-        self._topics[name] = info = TopicInfo(name, kind_name, 0, offers, type_hash(kind_name))
-        details = {"offered_qos_profiles": qos.profiles_to_yaml(offers), "topic_type_hash": info.hash}
+        self._topics[name] = info = TopicInfo(name, kind_name, 0, profile, type_hash(kind_name))
+        details = {"offered_qos_profiles": qos.to_yaml(profile), "topic_type_hash": info.hash}
         self._channels[name] = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
 
     def write(self, topic: str, message: Any, stamp: int) -> None:
@@ -94,14 +91,11 @@ class BagWriter:
         with self._naming_the_file():
             self._mcap.add_message(self._channels[entry.name], stamp, data, sent, entry.count)
         entry.count, self._span = entry.count + 1, (min(first, stamp), max(last, stamp))
-        if self._clock() - self._last_flush >= FLUSH_PERIOD:
-            self.flush()
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system; the next message begins a new chunk."""
         with self._naming_the_file():
             self._mcap.flush()
-        self._last_flush = self._clock()
 
     @property
     def position(self) -> int:
@@ -115,12 +109,11 @@ class BagWriter:
 
     def close(self) -> Path:
         """Complete the bag and give it its name; return its path."""
-        if not self._is_open:
-            return self.path
-        self._is_open = False
-        with self._naming_the_file():
-            self._finish()
-        self.partial.rename(self.path)
+        if self._is_open:
+            with self._naming_the_file():
+                self._finish()
+            self.partial.rename(self.path)
+            self._is_open = False
         return self.path
 
     @property
@@ -129,9 +122,7 @@ class BagWriter:
         return shlex.join(["sphere_nav", "verify-bag", str(self.partial), "--salvage", str(self.path)])
 
     def _finish(self) -> None:
-        description = self._description()
-        text = yaml.safe_dump({"rosbag2_bagfile_information": description}, sort_keys=False)
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
+        text = yaml.safe_dump({"rosbag2_bagfile_information": self._description()}, sort_keys=False)
         self._mcap.finish()
         _sync_and_close(self._file)
         with (self.partial / METADATA).open("wb") as metadata:
@@ -147,7 +138,7 @@ class BagWriter:
             raise
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Remove what was written, unless it is complete or left."""
         if self._is_open:
             self.leave()
             shutil.rmtree(self.partial, ignore_errors=True)
@@ -162,14 +153,11 @@ class BagWriter:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is not None:
-            self.discard()
-            return
         try:
-            self.close()
-        except BaseException:
-            shutil.rmtree(self.partial, ignore_errors=True)
-            raise
+            if kind is None:
+                self.close()
+        finally:
+            self.discard()
 
     def _refuse_to_overwrite(self) -> None:
         if os.path.lexists(self.path):
@@ -219,7 +207,7 @@ def _topic_description(entry: TopicInfo) -> dict[str, Any]:
         "name": entry.name,
         "type": entry.type,
         "serialization_format": "cdr",
-        "offered_qos_profiles": qos.to_entries(entry.profiles),
+        "offered_qos_profiles": [qos.to_entry(entry.profile)],
         "type_description_hash": entry.hash,
     }
 

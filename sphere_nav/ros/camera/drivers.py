@@ -26,7 +26,6 @@ class Driver:
 
     name: str
     title: str
-    source: str  # where it was looked up
     input: str  # one of INPUTS
     root: str
     topics: dict[str, str]  # our name -> the driver's, relative to root

@@ -71,8 +71,6 @@ class Cameras:
         self.odometry.clear()
         self._tf.clear()
         self._synchronizer.clear()
-        for stream in self._streams.values():
-            stream.clear()
 
     def forget_camera(self) -> None:
         """Accept the next calibration, frames and odometry as new ones."""
@@ -87,14 +85,9 @@ class Cameras:
         return sum(stream.images.num_lost for stream in self._streams.values())
 
     @property
-    def num_refused(self) -> int:
-        """Images of all cameras that were refused."""
-        return sum(stream.images.num_refused for stream in self._streams.values())
-
-    @property
     def fault(self) -> Verdict:
         """What is wrong with a camera that took no part in the last instant; of the only one its images tell it."""
-        return next(iter(self._faults.values()), FINE)
+        return next((fault for fault in self._faults.values() if fault is not FINE), FINE)
 
     @property
     def lack(self) -> str:
@@ -174,25 +167,20 @@ class Cameras:
     def _note_faults(self, pictures: dict[str, Picture]) -> None:
         for name in self._streams:
             if name in pictures:
-                self._faults.pop(name, None)
-            else:
-                self._faults.setdefault(name, self._find_lack(name))
-            fault = self._faults.get(name, FINE)
-            self._endpoints.report(f"camera {name}", ERROR if name in self._faults else OK, fault.detail or "delivers")
+                self._note_fault(name, FINE)
+            elif self._faults.get(name, FINE) is FINE:
+                self._note_fault(name, Verdict(Reason.GAP, detail=f"camera {name}: no image at this instant"))
 
-    def _find_lack(self, name: str) -> Verdict:
-        """Return why a camera takes no part in an instant."""
-        lack = self._streams[name].lack
-        if lack is FINE:
-            return Verdict(Reason.GAP, detail=f"camera {name}: no image at this instant")
-        return replace(lack, detail=f"camera {name}: {lack.detail}")
+    def _note_fault(self, name: str, fault: Verdict) -> None:
+        self._faults[name] = fault
+        level = OK if fault is FINE else ERROR
+        self._endpoints.report(f"camera {name}", level, fault.detail or "delivers")
 
     def _on_fault(self, name: str, stamp_ns: int, finding: Verdict) -> None:
         """Answer an image by what is wrong with it; of several cameras, only where no other one delivers."""
         if name:
             finding = replace(finding, detail=f"camera {name}: {finding.detail}")
-            self._faults[name] = finding
-            self._endpoints.report(f"camera {name}", ERROR, finding.detail)
+            self._note_fault(name, finding)
         if not name or self._endpoints.own_ns() - self._handed_ns >= SILENCE_NS:
             self._on_refusal(stamp_ns, finding)
 

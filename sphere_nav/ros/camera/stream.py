@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,7 +16,7 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.localization.params import NodeParams
-from sphere_nav.localization.status import FINE, Reason, Verdict
+from sphere_nav.localization.status import Reason, Verdict
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
@@ -29,6 +29,8 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 ONE_CAMERA = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
+
+NO_LENS = "no camera_info yet"
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Picture:
 
 
 class CameraStream:
-    """Subscribes; hands every image on, in order, as a `Picture` or with what is wrong with it."""
+    """Subscribes; hands every image on at once, as a `Picture` or with what is wrong with it."""
 
     def __init__(
         self,
@@ -70,7 +72,6 @@ class CameraStream:
         self._endpoints, self._params, self._tf, self._odometry = endpoints, params, tf, odometry
         self._on_picture, self._on_refusal = on_picture, on_refusal
         self._name, self._lens, self._place = name, lens, place
-        self._waiting: deque[AnyImage] = deque()
         self.forget_camera()
         profile = qos.DEEP if params.every_image else qos.SENSOR
         prefix = f"cameras/{name}/" if name else ""
@@ -82,28 +83,18 @@ class CameraStream:
         topic, kind = image_topic(f"{prefix}image_raw", params.transport)
         self.images = endpoints.add_subscription(topic, kind, self._on_image, profile)
 
-    def clear(self) -> None:
-        """Forget what has a stamp: the clock jumped."""
-        self._waiting.clear()
-
     def forget_camera(self) -> None:
         """Accept the next calibration and frames as new ones."""
         self.camera: Camera | None = self._lens
         self.T_base_camera: SE3 | None = None
-        self._fault = Verdict(Reason.BAD_INFO, detail="no camera_info yet")
-        self._is_refused = False  # the calibration that came
+        self._fault = NO_LENS
         self._levels = conversions.Levels()
         self.image_frame = self._info_frame = ""
 
     @property
-    def lack(self) -> Verdict:
-        """What images wait for; FINE where none waits."""
-        return self._find_mounting(self._waiting[0]) if self._waiting else FINE
-
-    @property
     def needs_lens(self) -> bool:
         """Whether no calibration has come yet."""
-        return self.camera is None and not self._is_refused and not self._params.is_panorama
+        return self.camera is None and self._fault is NO_LENS and not self._params.is_panorama
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self.images.resolved)
@@ -118,48 +109,49 @@ class CameraStream:
     def _on_info(self, frame: str, convert: Callable[[], Camera]) -> None:
         try:
             self._info_frame = _same_frame("camera_info", self._info_frame, frame)
-            self.camera, self._is_refused = convert(), False
+            self.camera = convert()
         except ValueError as error:
-            self.camera, self._is_refused = None, True
-            self._fault = Verdict(Reason.BAD_INFO, detail=str(error))
-            self._hand_on()
+            self.camera, self._fault = None, str(error)
             raise
-        self._hand_on()
 
     def _on_image(self, message: AnyImage) -> None:
+        """Hand on one image; ValueError for one that cannot be used whatever comes."""
         stamp = conversions.stamp_ns(message)
         ahead = ahead_s(stamp, self._endpoints.now_ns())
         if ahead:
             detail = f"stamp is {ahead:.3f} s ahead of the clock"
-            self._refuse(stamp, Verdict(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
-        self._waiting.append(message)
+            self._on_refusal(stamp, Verdict(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
+            raise ValueError(detail)
+        try:
+            camera, T_base_camera = self._find_camera(message)
+        except ValueError as error:
+            reason = Reason.BAD_INFO if self.camera is None else Reason.TF_STALE
+            self._on_refusal(stamp, Verdict(reason, detail=str(error)))
+            return
+        with self._answering(stamp, ONE_CAMERA):
+            self._check_frames(message.header.frame_id)
+        with self._answering(stamp, ENCODINGS):
+            image = read_gray(message, (camera.width, camera.height), self._levels)
+        odometry = self._odometry.predict(stamp)
+        self._on_picture(Picture(image, camera, stamp, T_base_camera, odometry, self._name))
+
+    @contextmanager
+    def _answering(self, stamp: int, advice: str) -> Iterator[None]:
+        """Answer an image by the ValueError that says why it is of no use."""
+        try:
+            yield
+        except ValueError as error:
+            self._on_refusal(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
+            raise
+
+    def _find_camera(self, message: AnyImage) -> tuple[Camera, SE3]:
+        """Return the camera and T_base_camera; ValueError while nobody says them."""
         if self._params.is_panorama and self.camera is None:
             self._on_info(message.header.frame_id, lambda: panorama_of(message))
-            return
-        self._hand_on()
-
-    def _hand_on(self) -> None:
-        """Hand on all images that are ready, and those that have waited for more than enough others."""
-        patience = 0 if self._is_refused else self._params.max_waiting
-        while self._waiting:
-            fault = self._find_mounting(self._waiting[0])
-            if fault is FINE:
-                self._convert(self._waiting.popleft())
-            elif len(self._waiting) > patience:
-                self._on_refusal(conversions.stamp_ns(self._waiting.popleft()), fault)
-            else:
-                return
-
-    def _find_mounting(self, message: AnyImage) -> Verdict:
-        """Return what is missing before an image can be used."""
         if self.camera is None:
-            return self._fault
-        if self.T_base_camera is None:
-            try:
-                self.T_base_camera = self._look_up(message.header.frame_id, self.camera)
-            except ValueError as error:
-                return Verdict(Reason.TF_STALE, detail=str(error))
-        return FINE
+            raise ValueError(self._fault)
+        self.T_base_camera = self.T_base_camera or self._look_up(message.header.frame_id, self.camera)
+        return self.camera, self.T_base_camera
 
     def _look_up(self, image_frame: str, camera: Camera) -> SE3:
         """Return T_base_camera; ValueError while nobody says it."""
@@ -171,31 +163,11 @@ class CameraStream:
         check_mounting(T_base_camera.translation, f"{base} to {frame}")
         return T_base_camera
 
-    def _convert(self, message: AnyImage) -> None:
-        """Hand on one image; ValueError where it cannot be read, or is another camera's."""
-        assert self.camera is not None
-        assert self.T_base_camera is not None
-        stamp = conversions.stamp_ns(message)
-        advice = ONE_CAMERA
-        try:
-            self._check_frames(message.header.frame_id)
-            advice = ENCODINGS
-            image = read_gray(message, (self.camera.width, self.camera.height), self._levels)
-        except ValueError as error:
-            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
-        odometry = self._odometry.predict(stamp)
-        self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._name))
-
     def _check_frames(self, frame: str) -> None:
         """Raise ValueError where the image is not of the calibrated camera, or not of the one before."""
         self.image_frame = _same_frame("image_raw", self.image_frame, frame)
         if not self._params.camera_frame and self._info_frame and frame and self._info_frame != frame:
             raise ValueError(f"header.frame_id: expected that of camera_info, {self._info_frame!r}, found {frame!r}")
-
-    def _refuse(self, stamp: int, finding: Verdict) -> None:
-        """Answer an image that is of no use, and count it as refused."""
-        self._on_refusal(stamp, finding)
-        raise ValueError(finding.detail)
 
 
 def panorama_of(message: AnyImage) -> Spherical:

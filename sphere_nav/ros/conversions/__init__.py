@@ -16,9 +16,9 @@ from sphere_nav.ros.conversions.clouds import cloud_to_message as cloud_to_messa
 from sphere_nav.ros.conversions.clouds import message_to_cloud as message_to_cloud
 from sphere_nav.ros.conversions.graphs import graph_to_message as graph_to_message
 from sphere_nav.ros.conversions.graphs import message_to_graph as message_to_graph
+from sphere_nav.ros.conversions.images import AnyImage as AnyImage
 from sphere_nav.ros.conversions.images import Levels as Levels
 from sphere_nav.ros.conversions.images import array_to_image as array_to_image
-from sphere_nav.ros.conversions.images import decompress as decompress
 from sphere_nav.ros.conversions.images import depth_to_meters as depth_to_meters
 from sphere_nav.ros.conversions.images import image_to_array as image_to_array
 from sphere_nav.ros.conversions.images import image_to_rgb as image_to_rgb

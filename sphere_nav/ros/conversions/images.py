@@ -141,24 +141,27 @@ def used_bits(pixels: NDArray[np.uint16]) -> int:
 def depth_to_meters(message: AnyImage) -> Floats:
     """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none (REP-118, REP-117)."""
     if isinstance(message, CompressedImage):
-        message = decompress(message)
-    pixels = image_to_array(message)
-    if message.encoding in SIXTEEN_BITS:
+        pixels, encoding = _unpack_depth(message)
+    else:
+        pixels, encoding = image_to_array(message), message.encoding
+    if encoding in SIXTEEN_BITS:
         depth = pixels.astype(np.float32) * np.float32(1e-3)
         depth[np.isin(pixels, (0, 65535))] = np.nan
-    elif message.encoding == "32FC1":
+    elif encoding == "32FC1":
         depth = np.where(pixels > 0, pixels, np.float32(np.nan))
     else:
-        raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
-    check_lengths("depth", depth[::SAMPLE_STEP, ::SAMPLE_STEP], f"depth ({message.encoding})")
+        raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {encoding!r}")
+    check_lengths("depth", depth[::SAMPLE_STEP, ::SAMPLE_STEP], f"depth ({encoding})")
     return depth
 
 
-def compressed_depth_to_image(message: CompressedImage) -> Image:
-    """Return the depth Image (16UC1 in mm, or 32FC1 in m) behind image_transport's compressedDepth (PNG).
+def _unpack_depth(message: CompressedImage) -> tuple[NDArray[Any], str]:
+    """Return the pixels, and their encoding, of a PNG of 16 bits, or of image_transport's compressedDepth (PNG).
 
-    32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
+    There 32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
     """
+    if "compressedDepth" not in message.format:
+        return _decode_16_bit(message.data), "16UC1"
     encoding = _word_of(message)
     if encoding not in DEPTH_ENCODINGS or "rvl" in message.format.lower():
         raise ValueError(
@@ -168,27 +171,15 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
     if len(data) <= COMPRESSED_DEPTH_HEADER.size:
         raise ValueError(f"data: expected a header of 12 bytes and a PNG, found {len(data)} bytes")
     _, scale, offset = COMPRESSED_DEPTH_HEADER.unpack_from(data)
-    pixels: Any = _decode_16_bit(data[COMPRESSED_DEPTH_HEADER.size :])
-    if encoding == "32FC1":
-        if not np.isfinite([scale, offset]).all():
-            raise ValueError(f"data: expected finite depth parameters, found {scale}, {offset}")
-        known = (pixels > 0) & (pixels != offset)
-        meters = np.full(pixels.shape, np.nan, np.float32)
-        meters[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
-        pixels = meters
-    return _image_of(message, pixels, encoding)
-
-
-def decompress(message: CompressedImage) -> Image:
-    """Return the Image behind a compressed one: colours, grey levels, or depth."""
-    if "compressedDepth" in message.format:
-        return compressed_depth_to_image(message)
-    word = _word_of(message)
-    if word in SIXTEEN_BITS or is_sixteen_bit(message):
-        encoding = word if word in SIXTEEN_BITS else "mono16"  # depth or not, where the format is silent
-        return _image_of(message, _decode_16_bit(message.data), encoding)
-    pixels = image_to_rgb(message)
-    return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
+    pixels = _decode_16_bit(data[COMPRESSED_DEPTH_HEADER.size :])
+    if encoding == "16UC1":
+        return pixels, encoding
+    if not np.isfinite([scale, offset]).all():
+        raise ValueError(f"data: expected finite depth parameters, found {scale}, {offset}")
+    known = (pixels > 0) & (pixels != offset)
+    meters = np.full(pixels.shape, np.nan, np.float32)
+    meters[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
+    return meters, encoding
 
 
 def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
@@ -208,12 +199,6 @@ def is_sixteen_bit(message: CompressedImage) -> bool:
 def _word_of(message: CompressedImage) -> str:
     """Return the first word of a format: the encoding, or how it is compressed."""
     return str(message.format.split(";")[0].strip())
-
-
-def _image_of(message: CompressedImage, pixels: NDArray[Any], encoding: str) -> Image:
-    image = array_to_image(pixels, 0, "", encoding)
-    image.header = message.header
-    return image
 
 
 def _decode_16_bit(data: Any) -> NDArray[np.uint16]:

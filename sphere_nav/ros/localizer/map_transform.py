@@ -44,7 +44,7 @@ class MapTransform:
         self._lead_ns = AHEAD_NS if is_of_this_time else stamp_ns + AHEAD_NS - now
         if not self._odometry.frame:
             T_root_base, root = self._odometry.T_root_base
-            self._endpoints.report(REPORT, OK, f"{self._map_frame} -> {root}")
+            self._endpoints.tell(REPORT, OK, f"{self._map_frame} -> {root}", "")
             self._publish(T_map_base @ T_root_base.inverse(), stamp_ns, root)
             return
         if self._pose is None:
@@ -69,12 +69,11 @@ class MapTransform:
             text, level = f"{self._map_frame} -> {frame}", OK
             if not self._odometry.is_on_tf:
                 text, level = f"{text}; nobody publishes {frame} -> {self._base_frame} on /tf", WARN
-            self._endpoints.report(REPORT, level, text)
+            self._endpoints.tell(REPORT, level, text, "")
         elif self._endpoints.now_ns() - self._since_ns > ODOMETRY_PATIENCE_NS:
             self._T_map_odom = None
             text = f"{self._map_frame} -> {frame} is not sent: no odometry at the stamps of the images"
-            self._endpoints.report(REPORT, ERROR, text)
-            self._endpoints.log.error(text, every=LOG_PERIOD_S)
+            self._endpoints.tell(REPORT, ERROR, text, text, every=LOG_PERIOD_S)
 
     def _send(self, stamp_ns: int) -> None:
         if self._T_map_odom is not None and stamp_ns > self._last_ns:

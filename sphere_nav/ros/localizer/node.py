@@ -16,6 +16,7 @@ from sphere_nav_msgs.srv import Relocalize
 from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.agreement import Agreement
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import (
@@ -33,12 +34,20 @@ from sphere_nav.localization.status import (
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.camera.stream import Picture
-from sphere_nav.ros.clocks import ClockWatch
-from sphere_nav.ros.constants import FIRST_IMAGE_S, MAX_LOST_SHARE, NUM_COUNTED, STANDSTILL_S, WATCH_PERIOD_S
-from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
+from sphere_nav.ros.clocks import ClockWatch, check_stamp
+from sphere_nav.ros.constants import (
+    FIRST_IMAGE_S,
+    LOG_PERIOD_S,
+    MAX_LOST_SHARE,
+    NUM_COUNTED,
+    OFFER_PERIOD_NS,
+    STANDSTILL_S,
+    WATCH_PERIOD_S,
+)
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
-from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
 
+OWN, OTHER = 0, 1  # whose pose it is
 CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
 
 
@@ -103,11 +112,13 @@ class LocalizerNode(ManagedNode):
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
         self.waits_since_ns = self.own_ns()
         self.intake = self.make_intake()
-        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id, self.values)
+        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id)
         self.add_subscription(
             "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
         )
-        self.peer = PeerLocalizer(self.endpoints, self.params.map_frame, self.needs_help, self.on_offer)
+        self.agreement = Agreement()
+        self.offered_ns = 0  # stamp of the last pose of the other localiser that was tried
+        self.add_subscription("other/pose", PoseWithCovarianceStamped, self.on_other_pose, qos.STATE, is_required=False)
         self.add_service("~/relocalize", Relocalize, self.on_relocalize)
         self.add_service("~/reset", Trigger, self.on_reset)
         self.clock_watch = ClockWatch(give_up=STANDSTILL_S, patience=STANDSTILL_S, max_look=2 * WATCH_PERIOD_S)
@@ -127,8 +138,8 @@ class LocalizerNode(ManagedNode):
         """Forget everything with a stamp."""
         self.intake.clear()
         self.outputs.clear()
-        self.peer.clear()
-        self.heard_ns, self.refusal, self.waits_since_ns = 0, FINE, self.own_ns()
+        self.agreement.clear()
+        self.offered_ns, self.heard_ns, self.refusal, self.waits_since_ns = 0, 0, FINE, self.own_ns()
         self.forget()
 
     # --- images
@@ -146,7 +157,7 @@ class LocalizerNode(ManagedNode):
             return
         self.heard_ns, self.refusal = self.own_ns(), FINE  # after the work: time spent here is no silence
         if estimate.T_map_base is not None and estimate.covariance is not None:
-            self.peer.add_own(picture.stamp_ns, estimate.T_map_base, estimate.covariance)
+            self.compare(OWN, picture.stamp_ns, estimate.T_map_base, estimate.covariance)
         self.outputs.publish(replace(estimate, status=status))
 
     def on_refusal(self, stamp_ns: int, finding: Verdict) -> None:
@@ -178,10 +189,6 @@ class LocalizerNode(ManagedNode):
             return status
         remedy = doubt.remedy(INPUT_REMEDIES)
         return replace(status, reason=str(doubt.reason), value=doubt.value, limit=doubt.limit, remedy=remedy)
-
-    def values(self) -> dict[str, float]:
-        """Return more numbers for the diagnostics."""
-        return {"lost_images": self.intake.num_lost, "refused_images": self.intake.num_refused}
 
     # --- silence
     def on_watch(self) -> None:
@@ -225,9 +232,23 @@ class LocalizerNode(ManagedNode):
         """Whether another localiser's pose is of use: it can be tried, and there is none."""
         return self.is_ready and self.outputs.state not in FOLLOWING
 
-    def on_offer(self, T_map_base: SE3, covariance: Array) -> None:
-        """Search around the pose that another localiser found; ValueError for one off the map."""
-        self.tell(self.relocalize((T_map_base, covariance)))
+    def on_other_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Compare a pose of another localiser with ours; search around it where there is none."""
+        given = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
+        stamp = conversions.stamp_ns(message)
+        check_stamp(stamp, self.now_ns(), "pose of the other localiser")
+        self.compare(OTHER, stamp, *given)
+        if self.needs_help() and not 0 <= stamp - self.offered_ns < OFFER_PERIOD_NS:
+            self.offered_ns = stamp
+            self.tell(self.relocalize(given))
+
+    def compare(self, source: int, stamp_ns: int, T_map_base: SE3, covariance: Array) -> None:
+        """Report what a pose, of ours or of the other localiser, is compared with: ERROR beyond both covariances."""
+        found = self.agreement.add(source, stamp_ns, T_map_base, covariance)
+        if found is not None:
+            level, word = (ERROR, "contradicts") if found.is_contradiction else (OK, "")
+            values = {"distance": found.distance, "metres": found.meters, "radians": found.radians}
+            self.endpoints.tell("agreement", level, f"the other localiser {word or 'agrees'}: {found}", word, **values)
 
     def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Search around a given pose of the base; ValueError for a wrong frame, NaN, or a pose off the map."""
@@ -241,7 +262,7 @@ class LocalizerNode(ManagedNode):
         try:
             self.relocalize(given)
         except ValueError as error:
-            self.log.error(f"initialpose: refused: {error}", every=1.0)
+            self.log.error(f"initialpose: refused: {error}", every=LOG_PERIOD_S)
 
     def tell(self, estimate: BaseEstimate | None) -> None:
         """Tell what a search has found at once."""

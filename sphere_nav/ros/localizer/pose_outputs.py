@@ -22,7 +22,6 @@ from sphere_nav.ros.localizer.map_transform import MapTransform
 
 UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
 REPORT = "localisation"
-EVIDENCE = ("quality", "overlap", "inlier_share", "milliseconds", "age")  # of a status, told to the diagnostics
 
 
 class PoseOutputs:
@@ -34,9 +33,8 @@ class PoseOutputs:
         params: NodeParams,
         odometry: OdometryInput,
         map_id: Callable[[], str],
-        values: Callable[[], dict[str, float]],
     ) -> None:
-        """`map_id` returns that of the map in use, empty where it is not known; `values` more for the diagnostics."""
+        """`map_id` returns that of the map in use, empty where it is not known."""
         self._endpoints, self._params = endpoints, params
         self._pose = endpoints.add_publisher("pose", PoseWithCovarianceStamped, qos.STATE)
         self._odometry = endpoints.add_publisher("odometry", Odometry, qos.STATE)
@@ -44,7 +42,7 @@ class PoseOutputs:
         self._frames = params.map_frame, params.base_frame or params.camera_frame
         self._transform = MapTransform(endpoints, odometry, *self._frames) if params.publish_tf else None
         self.state = State.UNCONFIGURED  # last told
-        self._map_id, self._values = map_id, values
+        self._map_id = map_id
 
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
@@ -67,8 +65,7 @@ class PoseOutputs:
         if status.state is State.TRACKING and not status.reason:
             level = OK
         text = describe_status(status)
-        values = {name: getattr(status, name) for name in EVIDENCE} | self._values()
-        self._endpoints.tell(REPORT, level, text, f"{status.state} {status.reason}", every=LOG_PERIOD_S, **values)
+        self._endpoints.tell(REPORT, level, text, f"{status.state} {status.reason}", every=LOG_PERIOD_S)
 
     def _publish_pose(self, estimate: BaseEstimate, T_map_base: SE3, covariance: Array) -> None:
         stamp = estimate.status.stamp_ns

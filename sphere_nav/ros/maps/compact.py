@@ -6,8 +6,6 @@ import os
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from contextlib import suppress
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -25,12 +23,11 @@ C = TypeVar("C")
 class Spool(Mapping[int, C]):
     """Things by id of their key sphere, in a file without a name, which is gone with the process."""
 
-    def __init__(self, decode: Callable[[bytes], C], folder: Path | None = None) -> None:
-        """Without a folder, that of the system's temporary files."""
-        self._decode, self._folder = decode, folder or Path(tempfile.gettempdir())
+    def __init__(self, decode: Callable[[bytes], C]) -> None:
+        self._decode = decode
         self._places: dict[int, tuple[int, int]] = {}  # number of bytes, and where they are
-        self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (`close`)
-        self._close = weakref.finalize(self, self._file.close)
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 (`close`)
+        weakref.finalize(self, self._file.close)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -48,14 +45,9 @@ class Spool(Mapping[int, C]):
             self._file.write(data)
             self._file.flush()
         except OSError as error:
-            error.filename = error.filename or str(self._folder)
+            error.filename = error.filename or tempfile.gettempdir()
             raise
         self._places[sphere_id] = len(data), place
-
-    def close(self) -> None:
-        """Forget all."""
-        with suppress(OSError):  # of a full disk, which has been told
-            self._close()
 
 
 class CompactFeatures(Spool[Features], MutableMapping[int, Features]):

@@ -41,15 +41,11 @@ from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
-def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
-    """Open a map, whose key spheres are read `is_gray` for alignment; BagError for whatever is wrong with it."""
-    return MapReader(path, is_gray=is_gray)
-
-
 class MapReader(BagReader):
     """An open map: the graph is read at once, spheres when they are asked for.
 
-    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
+    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name. Key spheres are read
+    `is_gray` for alignment. BagError for whatever is wrong with it.
     """
 
     def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
@@ -78,10 +74,6 @@ class MapReader(BagReader):
         with told_at(f"{self.path}: key sphere {sphere_id}", BagError):
             return message_to_sphere(message, is_gray=self._is_gray)
 
-    def load_message(self, sphere_id: int) -> AugmentedSphere:
-        """Read one key sphere as it is stored; BagError if it is missing or damaged."""
-        return self.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere)
-
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; they wait on the disk. BagError if one is missing or damaged."""
         found = CompactSpheres()
@@ -96,7 +88,7 @@ class MapReader(BagReader):
     def stored(self) -> Iterator[Stored]:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
         for sphere_id, small in zip(self._chunks, self.messages([COARSE]), strict=True):
-            yield self.load_message(sphere_id), small.message
+            yield self.decode(SPHERE, bytes(self._data_of(sphere_id)), AugmentedSphere), small.message
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; the features wait on the disk. BagError for damage."""
@@ -172,3 +164,6 @@ class MapReader(BagReader):
         place = self._chunks[sphere_id].chunk_start_offset
         with told_at(f"{self.path}: chunk at byte {place}", BagError):
             return read_message(self.files[0].stream, place)
+
+
+open_map = MapReader

@@ -20,13 +20,12 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_file import read_message
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
+from sphere_nav.ros.bags.serialization import view_message
 from sphere_nav.ros.bags.writer import METADATA, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
 from sphere_nav.ros.conversions.graphs import experiences_to_messages, graph_to_message
 from sphere_nav.ros.conversions.status import told
-from sphere_nav.ros.maps.compact import Spool
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -91,13 +90,12 @@ class MapWriter(BagWriter):
         self._target, self.details = Path(path), details or MapDetails()
         self._places: dict[int, int] = {}  # of the chunk of each sphere
         self._num_due = 0  # key spheres with which the graph is due
-        self._experiences: list[MapExperience] = []  # that were told with the last one
         check_free(self._target, is_overwriting=is_overwriting)
         new = self._target.with_name(f"{self._target.name}.new") if self._target.exists() else self._target
-        super().__init__(new, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
+        super().__init__(new, file_name=FILE_NAME, chunk_size=CHUNK_SIZE)
         for topic, kind in KINDS.items():
             self.add_topic(topic, kind, qos.LATCHED)
-        self._small = Spool(bytes, self.partial)
+        self._latest_ns = 0  # of the spheres: bags give the small ones in order of the ids
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere."""
@@ -111,7 +109,7 @@ class MapWriter(BagWriter):
             self.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
         self._num_due = len(graph) + GRAPH_EVERY
         self.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
-        if any(node.experience != Experience() for node in graph) and not self._experiences:
+        if any(node.experience != Experience() for node in graph):
             self._tell_experiences(graph)  # so that a torn map has them
         self.flush()
 
@@ -129,8 +127,10 @@ class MapWriter(BagWriter):
         whole, small = stored
         self.flush()
         self._places[int(whole.id)] = self.position
+        self._latest_ns = max(self._latest_ns, stamp_ns(whole))
         self.write(SPHERE, whole, stamp_ns(whole))
-        self._small.add(int(small.id), serialize_to_store(small))
+        self.flush()
+        self.write(COARSE, small, self._latest_ns)
         self.flush()
 
     @property
@@ -147,25 +147,15 @@ class MapWriter(BagWriter):
         if [node.id for node in nodes] != list(self._places):
             found = f"found {len(self._places)} written"
             raise BagError(f"{self.path}: graph: expected {len(nodes)} key spheres, {found}")
-        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
-            self.write_bytes(COARSE, self._small[node.id], stamp)
-        self.flush()
         self._write_features(nodes, appearance)
         self.flush()
-        self._small.close()
         last = max(node.stamp_ns for node in nodes)
-        if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
-            self._tell_experiences(graph)
+        self._tell_experiences(graph)
         self.write(INFO, _info(graph, self.details), last)
         self.write(GRAPH, _graph_message(graph, self.details), last)
         if self.close() != self._target:
             self.path = replace_map(self.path, self._target)
         return self.path
-
-    def leave(self) -> None:
-        """Write no more; what was written stays, for `salvage_map`."""
-        self._small.close()
-        super().leave()
 
     @property
     def salvage_command(self) -> str:
@@ -173,14 +163,14 @@ class MapWriter(BagWriter):
         return f"sphere_nav map-verify {self.partial} --salvage OUT"
 
     def _tell_experiences(self, graph: SphereGraph) -> None:
-        self._experiences = experiences_to_messages(graph, self.details.frame_id)
-        for message in self._experiences:
+        for message in experiences_to_messages(graph, self.details.frame_id):
             self.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
         index = AppearanceIndex()
-        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
+        stamps = accumulate((node.stamp_ns for node in nodes), max)  # in order of the ids, as those of `copy`
+        for node, stamp in zip(nodes, stamps, strict=True):
             index.add(node.id, known.get(node.id) or features_of_sphere(self.load(node.id)))
             features, words = index.features[node.id], index.words[node.id]
             message = features_to_message(features, words, node.stamp_ns, SPHERE_FRAME)
@@ -249,14 +239,6 @@ def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
         length=_length(nodes),
     )
     return told(info, details, "map_id", "software", "source", "rig")
-
-
-def _in_order(nodes: Iterable[KeySphere]) -> Iterator[int]:
-    """Return when messages of key spheres are said to be received, so that bags give them in order of the ids.
-
-    A map that is extended by an older drive has stamps that go back.
-    """
-    return accumulate((node.stamp_ns for node in nodes), max)
 
 
 def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:

@@ -117,14 +117,14 @@ def test_one_line_says_what_a_node_waits_for_and_one_when_it_is_ready(make_desk,
     monkeypatch.setattr(desk.node, "lack", lambda: "" if len(desk.doubled) else "a map (set `map`)")
     assert desk.shell.start()
     desk.until(lambda: lines)
-    sent = f"{software()}; map hall; reads /number 0 Hz, /latched 0 Hz; sends /doubled"
+    sent = f"{software()}; map hall; reads /number, /latched; sends /doubled"
     assert lines == {"waits for a map (set `map`)": f"waits for a map (set `map`): {sent}"}
     desk.send(14)
     latched = desk.peer.create_publisher(String, "latched", qos.LATCHED)
     latched.publish(String())
     desk.until(lambda: "ready" in lines)
     assert lines["ready"].startswith("ready: sphere_nav ")
-    assert lines["ready"].endswith(" Hz; sends /doubled")
+    assert lines["ready"].endswith("reads /number, /latched; sends /doubled")
 
 
 def test_the_lifecycle_is_that_of_ros(make_desk):

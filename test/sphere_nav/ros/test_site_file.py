@@ -90,7 +90,6 @@ def test_names_of_the_node_pass_in_every_form():
     assert check_words("bag_recorder", "anything:=x") == check_words("bag_player", "anything:=x") == []
     assert check_words("dense_localizer", "__ns:=/a", "__node:=b", "base:anything:=x", "/clock:=clock") == []
     assert check_words("dense_localizer", "zed/left/compressed:=x", heard={"image_raw": "zed/left"}) == []
-    assert check_rules(["-r", "words:=x", "--ros-args", "--", "-r", "more:=x"], "mcl_depth", "mcl_depth", "/", {}) == []
     assert check_words("of_a_user", "anything:=x") == []
 
 

@@ -81,7 +81,7 @@ def test_what_is_played_is_recorded(start, drive, tmp_path):
         assert verify_bag(after) == (61, [])
         counts = {name: info.count for name, info in after.topics.items()}
         assert counts == {"/image_raw": 30, "/stamp": 30, "/latched": 1}
-        assert after.topics["/latched"].profiles[0].durability == qos.TRANSIENT_LOCAL
+        assert after.topics["/latched"].profile.durability == qos.TRANSIENT_LOCAL
         for topic in before.topics:
             pairs = zip(before.messages([topic]), after.messages([topic]), strict=True)
             assert all(first.message == second.message for first, second in pairs)
@@ -183,8 +183,9 @@ def test_what_is_lost_is_told_by_topic(recorder, tmp_path):
         wanted.count(number, 1)
         wanted.deliver(b"")
     node._look()
-    line = "/text: 4 of 9 messages lost (44.4%)"
-    assert (node.reports["recording"][:2], lines) == ((WARN, f"1 topics; {line}"), [line])
+    loss = "/text: 4 of 9 messages lost (44.4%)"
+    line = f"1 topics; {loss}"
+    assert (node.reports["recording"][:2], lines) == ((WARN, line), [line])
     shell.destroy_publisher(publisher)
     shell.stop()
-    assert lines[1:] == [line]
+    assert lines[1:] == [loss]

@@ -113,7 +113,7 @@ def test_outputs_go_into_a_bag_with_their_qos_and_the_progress_is_told(make_bag,
         assert sum(1 for _ in record(replay(bag, bus), out, bus)) == 39
     with BagReader(tmp_path / "out") as bag:
         assert bag.topics["/echo"].count == 39
-        assert bag.topics["/echo"].profiles[0].durability == qos.TRANSIENT_LOCAL
+        assert bag.topics["/echo"].profile.durability == qos.TRANSIENT_LOCAL
     bus, steps = OfflineBus(), []
     bus.add(Echo)
     with BagReader(path) as bag:

@@ -12,6 +12,7 @@ from sphere_nav.localization.params import InputParams, NodeParams
 from sphere_nav.localization.status import BaseEstimate, status_of
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_pose_with_covariance, stamp_ns
+from sphere_nav.ros.endpoints import ERROR, OK
 from sphere_nav.ros.localizer.node import LocalizerNode
 
 NUM_COUNTED, STANDSTILL_S = 20, 1.0  # written out: imported, a change would go unseen
@@ -87,8 +88,8 @@ class Bench:
         return {record.topic: record.message for record in said}
 
 
-def pose_at(x, stamp=100 * SECOND):
-    return se3_to_pose_with_covariance(SE3.from_planar(x, 0.0, 0.0), np.eye(6), stamp, "map")
+def pose_at(x, stamp=100 * SECOND, frame="map"):
+    return se3_to_pose_with_covariance(SE3.from_planar(x, 0.0, 0.0), np.eye(6), stamp, frame)
 
 
 def test_a_camera_that_never_came_is_told_and_its_first_image_ends_it():
@@ -160,7 +161,6 @@ def test_images_that_are_lost_before_they_can_be_answered_are_told():
         camera.images.num_lost += 1
         status = bench.see()["/status"]
     assert (status.state, status.reason, status.value) == ("TRACKING", "OVERRUN", 0.5)
-    assert bench.node.reports["localisation"][2]["lost_images"] == NUM_COUNTED
     for _ in range(NUM_COUNTED):
         status = bench.see()["/status"]
     assert status.reason == ""
@@ -197,12 +197,32 @@ def test_another_localizer_is_heard_while_there_is_no_pose():
     bench = Bench()
     bench.see(seed=0)
     bench.node.outputs.state = State.SEARCHING
-    bench.send("/other/pose", pose_at(3.0, bench.now))
-    assert len(bench.node.searches) == 1
+    for seconds in (0.0, 0.5, 1.1):  # once a second
+        bench.wait(round(seconds * SECOND) - bench.now + 100 * SECOND + STEP)
+        bench.send("/other/pose", pose_at(3.0, bench.now))
+    assert len(bench.node.searches) == 2
+    bench.send("/other/pose", pose_at(99.0, bench.now + 2 * SECOND))  # of the future
+    told = next(item for item in bench.node.inputs if item.topic == "other/pose")
+    assert "ahead of the clock" in told.last_refusal
+    bench.send("/other/pose", pose_at(3.0, bench.now, "odom"))
+    assert "frame_id" in told.last_refusal
     bench.see()
-    bench.send("/other/pose", pose_at(3.0, bench.now + 2 * SECOND))  # of the future
+    bench.wait(2 * SECOND)
+    bench.node.outputs.state = State.TRACKING
     bench.send("/other/pose", pose_at(3.0, bench.now))
-    assert len(bench.node.searches) == 1
+    assert len(bench.node.searches) == 2  # it has a pose of its own
+
+
+@pytest.mark.parametrize(("x", "expected"), [(2.0, OK), (20.0, ERROR)])
+def test_agreement_with_another_localizer_is_reported_and_contradiction_too(x, expected, caplog):
+    bench = Bench()
+    bench.send("/other/pose", pose_at(x, bench.now + STEP))
+    assert "agreement" not in bench.node.reports
+    bench.see()
+    level, _, values = bench.node.reports["agreement"]
+    assert level == expected
+    assert values["metres"] == pytest.approx(np.hypot(x - 1.0, 2.0), rel=0.02)  # along the arc
+    assert ("contradicts" in caplog.text) == (level == ERROR)
 
 
 def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():

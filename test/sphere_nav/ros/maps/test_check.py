@@ -60,7 +60,7 @@ def test_a_key_sphere_whose_bytes_are_none_is_left_out(saved, tmp_path):
     with BagReader(saved) as bag, BagWriter(tmp_path / "odd", file_name="map.mcap") as odd:
         spheres = [item.message for item in bag.raw([SPHERE])]
         for name, info in bag.topics.items():
-            odd.add_topic(name, info.type, *info.profiles)
+            odd.add_topic(name, info.type, info.profile)
         for topic, stamp, data in bag.raw():
             odd.write_bytes(topic, data[:20] if data == spheres[1] else data, stamp)
             odd.flush()

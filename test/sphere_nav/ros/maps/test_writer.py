@@ -54,23 +54,24 @@ def test_key_spheres_of_an_older_drive_keep_what_they_look_like(sphere_graph, tm
         rays = rng.normal(size=(5, 3))
         rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
         index.add(node.id, Features(rays, np.full(5, 2.0, np.float32), rng.integers(0, 256, (5, 128), np.uint8)))
-    nodes = [replace(node, stamp_ns=10**9 - node.stamp_ns // 100) for node in sphere_graph]
+    stamps = {node.id: 10**9 - node.stamp_ns // 100 for node in sphere_graph}
+    spheres = {node.id: replace(node.sphere, stamp_ns=stamps[node.id]) for node in sphere_graph}
+    nodes = [replace(node, stamp_ns=stamps[node.id], sphere=spheres[node.id]) for node in sphere_graph]
     older = SphereGraph(nodes, sphere_graph.edges)
     with open_map(save_map(tmp_path / "map", older, appearance=index)) as found:
         assert [node.stamp_ns for node in found.graph] == [node.stamp_ns for node in older]
         for node_id, features in found.appearance().features.items():
             np.testing.assert_array_equal(features.descriptors, index.features[node_id].descriptors)
         assert list(found.coarse_spheres()) == list(older.nodes)
+        assert [int(small.id) for _, small in found.stored()] == list(older.nodes)
 
 
-def test_small_spheres_of_a_large_map_are_chunks_that_can_be_read(sphere_graph, tmp_path, monkeypatch):
-    monkeypatch.setattr(map_writer, "CHUNK_SIZE", 1 << 10)
+def test_small_spheres_are_chunks_that_can_be_read(sphere_graph, tmp_path):
     path = save_map(tmp_path / "map", sphere_graph)
     with BagReader(path) as bag:
         small = next(channel.id for channel in bag.files[0].summary.channels.values() if channel.topic == COARSE)
         chunks = [one for one in bag.files[0].summary.chunk_indexes if small in one.message_index_offsets]
-        assert len(chunks) == 2
-        assert all(index.message_index_offsets.keys() == {small} for index in chunks)
+        assert [set(index.message_index_offsets) for index in chunks] == [{small}] * 3
     with open_map(path) as found:
         assert list(found.coarse_spheres()) == list(sphere_graph.nodes)
     assert verify_map(path) == []
