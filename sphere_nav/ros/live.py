@@ -52,6 +52,7 @@ class LiveShell(RclpyShell, LifecycleNode):
         """`words`: of the command line; ValueError for a parameter or a name in it that cannot be."""
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
         self.is_configured = False
+        parameters.answer_wrong_types(self, self.failures)
         parameters.declare(self, self._why_fixed, ShellParams, node_class.PARAMS)
         self.add_post_set_parameters_callback(self._tune)
         self.node = node_class(self)

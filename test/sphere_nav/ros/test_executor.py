@@ -203,14 +203,17 @@ def typed(name, kind, **value):
     return Parameter(name=name, value=ParameterValue(type=kind, **value))
 
 
-def test_a_parameter_of_no_type_is_a_failure_like_any(make_desk):
-    desk, odd = make_desk(), typed("gain", 77)
-    client = desk.peer.create_client(SetParameters, "echo/set_parameters")
-    desk.until(client.service_is_ready)
-    client.call_async(SetParameters.Request(parameters=[odd]))
-    desk.until(lambda: desk.executor.failures.num_failed)
-    assert "77 is not a valid Parameter.Type" in desk.executor.failures.last_failure
-    assert desk.works(77)
+def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
+    desk, kind = make_desk(), 77
+    odd, good = typed("gain", kind), typed("gain", 3, double_value=2.5)
+    answer = desk.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[odd, good]))
+    assert [result.successful for result in answer.results] == [False, True]
+    assert answer.results[0].reason == f"gain: {kind} is not a valid Parameter.Type"
+    request = SetParametersAtomically.Request(parameters=[good, odd])
+    answer = desk.ask(SetParametersAtomically, "set_parameters_atomically", request)
+    assert (answer.result.successful, str(kind) in answer.result.reason) == (False, True)
+    assert desk.works(kind)
+    assert (desk.shell.node.params.gain, desk.executor.failures.num_failed) == (2.5, 0)
 
 
 def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
