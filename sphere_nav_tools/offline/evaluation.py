@@ -68,11 +68,25 @@ def evaluate_poses(
     T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
+    relative = relative_errors(paired, paired_truth, rpe_length_m)
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_absolute(errors),
-        "rpe": _relative(paired, paired_truth, rpe_length_m),
+        **_statistics(
+            translation_m=errors.translation_m,
+            rotation_deg=np.degrees(errors.rotation_rad),
+            lateral_m=errors.lateral_m,
+            longitudinal_m=errors.longitudinal_m,
+        ),
+        "rpe": {
+            "n": len(relative.length_m),
+            "length_m": rpe_length_m,
+            **_statistics(
+                translation_m=relative.translation_m,
+                rotation_deg=np.degrees(relative.rotation_rad),
+                translation_percent=100 * relative.translation_m / relative.length_m,
+            ),
+        },
         "nees": _consistency(paired, paired_truth),
         "alignment": {
             "kind": alignment,
@@ -150,26 +164,6 @@ def report_lines(report: dict[str, Any]) -> list[str]:
     return [*facts_as_lines(told), *filter(None, [describe_alignment(report)])]
 
 
-def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    return {
-        "translation_m": _statistics(errors.translation_m),
-        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
-        "lateral_m": _statistics(errors.lateral_m),
-        "longitudinal_m": _statistics(errors.longitudinal_m),
-    }
-
-
-def _relative(estimate: Trajectory, truth: Trajectory, length_m: float) -> dict[str, Any]:
-    errors = relative_errors(estimate, truth, length_m)
-    return {
-        "n": len(errors.length_m),
-        "length_m": length_m,
-        "translation_m": _statistics(errors.translation_m),
-        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
-        "translation_percent": _statistics(100 * errors.translation_m / errors.length_m),
-    }
-
-
 def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
     squared = nees(estimate, truth)
     squared = squared[np.isfinite(squared)]
@@ -179,9 +173,10 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
 
 
-def _statistics(values: np.ndarray) -> dict[str, float] | None:
-    found = Statistics.of(values)
-    return None if found is None else dataclasses.asdict(found)
+def _statistics(**errors: Array) -> dict[str, dict[str, float] | None]:
+    """Return median, rmse, p95 and max of errors by name; None where there are none."""
+    found = {name: Statistics.of(values) for name, values in errors.items()}
+    return {name: dataclasses.asdict(one) if one is not None else None for name, one in found.items()}
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:
