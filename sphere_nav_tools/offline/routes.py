@@ -21,6 +21,7 @@ from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns
 
 EDGE, WAY = "#1f77b4", "#d62728"
+CRUISE = FollowerParams().speed.cruise  # m/s, by which ways are compared
 
 
 def map_id_of(path: Path) -> str:

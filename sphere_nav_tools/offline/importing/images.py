@@ -76,7 +76,7 @@ def open_images(
         raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
     frames, height, width = _sized(folder)
     check_panorama(frames.path, width, height)
-    return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
+    return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames)}, hz)
 
 
 def how_to_import(path: Path) -> list[str]:
@@ -101,12 +101,12 @@ def how_to_import(path: Path) -> list[str]:
 
 
 def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
-    """Return images of a rig, whose file tells the cameras; of one camera or of left and right the bag tells them."""
+    """Return images of a rig; one camera, and left and right, have topics of their own."""
     is_lone = len(rig.cameras) == 1
     rig = Rig((replace(rig.cameras[0], name="camera"),)) if is_lone else rig
     cameras = {name: open_frames(folder, "" if is_lone else name) for name in rig.names}
     if not is_lone and rig.names != SIDES:
-        return camera_recording(rig_views(rig, cameras, is_told=False), hz, RIG_FRAME)
+        return camera_recording(rig_views(rig, cameras), hz, RIG_FRAME)
     return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"), hz)
 
 

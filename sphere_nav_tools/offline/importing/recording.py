@@ -32,7 +32,7 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class View:
-    """A camera: how its topics begin, its frame, its images, its lens and pose; a rig file tells those or the bag.
+    """A camera: how its topics begin, its frame, its images, its lens and pose.
 
     `baseline_m` is that of the right camera of a rectified pair.
     """
@@ -43,7 +43,6 @@ class View:
     frames: Frames
     T_link_camera: SE3 = T_BODY_OPTICAL
     baseline_m: float = 0.0
-    is_told: bool = True
 
 
 @dataclass(frozen=True)
@@ -77,8 +76,8 @@ class Recording:
     write_beside: Callable[[Path], None] | None = None
 
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
-        """Return base_link -> the link -> the frames of the cameras whose poses are told."""
-        told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
+        """Return base_link -> the link -> the frames of the cameras."""
+        told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.frame_id != self.link}
         frames = [(BASE_FRAME, self.link, self.T_base_link), *((self.link, name, T) for name, T in told.items())]
         return [se3_to_transform(T, stamp, parent, child) for parent, child, T in frames]
 
@@ -98,7 +97,7 @@ class Recording:
             view = self.views[name]
             if isinstance(view.camera, Spherical):
                 yield f"{view.prefix}sphere_info", camera_to_sphere_info(view.camera, view.frame_id)
-            elif view.is_told:
+            else:
                 info = camera_to_info(view.camera, stamp, view.frame_id, baseline=view.baseline_m)
                 yield f"{view.prefix}camera_info", info
         for name, (at, stamp) in instant.images.items():
@@ -118,13 +117,11 @@ def camera_recording(
     return Recording(views, instants, link=link)
 
 
-def rig_views(
-    rig: Rig, frames: Mapping[str, Frames], prefix: str = "cameras/{}/", *, is_told: bool = True
-) -> dict[str, View]:
+def rig_views(rig: Rig, frames: Mapping[str, Frames], prefix: str = "cameras/{}/") -> dict[str, View]:
     """Return the cameras of a rig with their images; prefix: how their topics begin, with {} for the name."""
     optical = [(part, frames[part.name], f"{part.name}_optical") for part in rig.cameras]
     return {
-        part.name: View(prefix.format(part.name), frame, part.camera, images, part.T_rig_camera, is_told=is_told)
+        part.name: View(prefix.format(part.name), frame, part.camera, images, part.T_rig_camera)
         for part, images, frame in optical
     }
 

@@ -67,7 +67,6 @@ def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path,
     assert call("map", bags[kind], "-o", tmp_path / "m", "--anchor", "truth", "--trajectory", tmp_path / "t.tum") == 0
     said = capsys.readouterr().out
     assert f"{NUM_FRAMES} spheres placed, 0 lost" in said
-    assert "drift at the end" in said
     poses = read_tum(tmp_path / "t.tum")
     for number in range(NUM_FRAMES):
         assert poses.T_map_body[number].distance(pose(number))[0] < limit

@@ -129,7 +129,7 @@ def test_cameras_sit_where_their_rig_says(tmp_path):
     np.testing.assert_allclose(pair["camera_link", "right_optical"].matrix, poses["right"].matrix, atol=1e-12)
     assert set(found("left", parts[0])) == {("base_link", "camera_link"), ("camera_link", "camera_optical")}
     ring = found("", *(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear")))
-    assert set(ring) == {("base_link", "rig_link")}
+    assert set(ring) == {("base_link", "rig_link"), ("rig_link", "front_optical"), ("rig_link", "rear_optical")}
     np.testing.assert_array_equal(ring["base_link", "rig_link"].matrix, np.eye(4))
 
 
