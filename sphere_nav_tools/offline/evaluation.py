@@ -15,6 +15,7 @@ from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
     AXES,
     AbsoluteErrors,
+    RelativeErrors,
     Statistics,
     absolute_errors,
     align_trajectories,
@@ -68,7 +69,6 @@ def evaluate_poses(
     T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
-    relative = relative_errors(paired, paired_truth, rpe_length_m)
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
@@ -78,15 +78,7 @@ def evaluate_poses(
             lateral_m=errors.lateral_m,
             longitudinal_m=errors.longitudinal_m,
         ),
-        "rpe": {
-            "n": len(relative.length_m),
-            "length_m": rpe_length_m,
-            **_statistics(
-                translation_m=relative.translation_m,
-                rotation_deg=np.degrees(relative.rotation_rad),
-                translation_percent=100 * relative.translation_m / relative.length_m,
-            ),
-        },
+        "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
             "kind": alignment,
@@ -162,6 +154,15 @@ def report_lines(report: dict[str, Any]) -> list[str]:
     """Return the report as text: a line for each quantity, and how the frames were compared."""
     told = {name: value for name, value in report.items() if name != "alignment"}
     return [*facts_as_lines(told), *filter(None, [describe_alignment(report)])]
+
+
+def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:
+    statistics = _statistics(
+        translation_m=errors.translation_m,
+        rotation_deg=np.degrees(errors.rotation_rad),
+        translation_percent=100 * errors.translation_m / errors.length_m,
+    )
+    return {"n": len(errors.length_m), "length_m": length_m, **statistics}
 
 
 def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:

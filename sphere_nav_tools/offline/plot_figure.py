@@ -96,16 +96,17 @@ def drawn(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
 
 def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array] = {}) -> None:
     """Draw paths (N, 2) from above by name, the true one before the last, marked places, and where the last begins."""
-    for number, (name, path) in enumerate(reversed(list(lines.items()))):
-        color, width, size = (TRUTH, 4, 0) if number else (ESTIMATE, 1, 2)
-        axes.plot(*path.T, ".-", label=name, color=color, lw=width, ms=size, zorder=2 - number)
-    for number, (name, places) in enumerate(marks.items()):
-        axes.plot(*places.T, "o", color=f"C{number + 1}", ms=4, label=name)
-    for name, path in list(lines.items())[-1:]:
-        axes.plot(*path[0], "o", color="black", ms=5, label="start")
-        axes.plot(*path[-1], "s", color="black", ms=5, label="end")
-        axes.set_title(f"From above: {len(path)} places of {name.split(',')[0]}", loc="left")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, frameon=False)
+    name, path = "", np.zeros((0, 2))
+    for name, path in lines.items():
+        is_last = len(axes.lines) == len(lines) - 1
+        style = {"color": ESTIMATE, "lw": 1, "ms": 2} if is_last else {"color": TRUTH, "lw": 4, "ms": 0}
+        axes.plot(*path.T, ".-", label=name, **style)
+    for label, places in marks.items():
+        axes.plot(*places.T, "o", color="C1", ms=4, label=label)
+    axes.plot(*path[:1].T, "o", color="black", ms=5, label="start")
+    axes.plot(*path[-1:].T, "s", color="black", ms=5, label="end")
+    axes.set_title(f"From above: {len(path)} places of {name.split(',')[0]}", loc="left")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, frameon=False)
     in_meters(axes)
 
 

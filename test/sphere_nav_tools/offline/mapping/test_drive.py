@@ -46,9 +46,6 @@ def drive():
     return MappedDrive(SimpleNamespace(stereo=""), mapper, mount, num_lost=2)
 
 
-ELSEWHERE = Truth(Trajectory(laid_out(WAY).poses.stamps_ns + 10**12, laid_out(WAY).poses.T_map_body), is_base=False)
-
-
 def test_a_drive_is_laid_on_its_truth_by_all_poses(drive):
     np.testing.assert_allclose(drive.fit(laid_out(WAY)).matrix, T_TRUTH_MAP.matrix, atol=1e-9)
     off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
@@ -87,7 +84,8 @@ def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatc
     T, found, warnings = drive.anchor_graph("survey", here)
     assert warnings == [here]
     np.testing.assert_array_equal(found[0].T_map_sphere.matrix, np.eye(4))
-    monkeypatch.setattr(mapped, "read_truth", lambda path: ELSEWHERE)
+    late = Trajectory(laid_out(WAY).poses.stamps_ns + 10**12, laid_out(WAY).poses.T_map_body)
+    monkeypatch.setattr(mapped, "read_truth", lambda path: Truth(late, is_base=False))
     with pytest.raises(BagError, match="here/drive: ground_truth/pose or ground_truth/odometry: expected poses"):
         drive.anchor_graph("truth", here)
 
