@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
     for word in (build, look, way):
         told = f"picture to write ({', '.join(PICTURES)})"
-        add(word, "--plot", "FILE", told, Path, action=FileAction, endings=PICTURES)
+        add(word, "--plot", "FILE", told, Path, action=FileAction, const=PICTURES)
         add_overwrite(word)
     acts = {build: make_network, name: name_place, look: show, way: plan_way, export: export_network}
     for word, act in acts.items():
