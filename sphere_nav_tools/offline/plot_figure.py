@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -99,7 +100,7 @@ def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array] 
     name, path = "", np.zeros((0, 2))
     for name, path in lines.items():
         is_last = len(axes.lines) == len(lines) - 1
-        style = {"color": ESTIMATE, "lw": 1, "ms": 2} if is_last else {"color": TRUTH, "lw": 4, "ms": 0}
+        style: dict[str, Any] = {"color": ESTIMATE, "lw": 1, "ms": 2} if is_last else {"color": TRUTH, "lw": 4, "ms": 0}
         axes.plot(*path.T, ".-", label=name, **style)
     for label, places in marks.items():
         axes.plot(*places.T, "o", color="C1", ms=4, label=label)

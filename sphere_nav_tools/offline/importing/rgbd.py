@@ -89,7 +89,7 @@ def open_seven_scenes(
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
         stamp = FIRST_STAMP_NS + round(whole(name.removeprefix("frame-"), str(depth)) * 1e9 / KINECT_HZ)
-        color = next((path for end in ("png", "jpg") if (path := folder / f"{name}.color.{end}").is_file()), None)
+        color = next(folder.glob(f"{name}.color.*"), None)
         if color is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
         colors.append((stamp, color))
