@@ -72,12 +72,7 @@ def evaluate_poses(
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_statistics(
-            translation_m=errors.translation_m,
-            rotation_deg=np.degrees(errors.rotation_rad),
-            lateral_m=errors.lateral_m,
-            longitudinal_m=errors.longitudinal_m,
-        ),
+        **_absolute(errors),
         "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
@@ -156,6 +151,15 @@ def report_lines(report: dict[str, Any]) -> list[str]:
     return [*facts_as_lines(told), *filter(None, [describe_alignment(report)])]
 
 
+def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
+    return _statistics(
+        translation_m=errors.translation_m,
+        rotation_deg=np.degrees(errors.rotation_rad),
+        lateral_m=errors.lateral_m,
+        longitudinal_m=errors.longitudinal_m,
+    )
+
+
 def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:
     statistics = _statistics(
         translation_m=errors.translation_m,
@@ -174,7 +178,7 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
 
 
-def _statistics(**errors: Array) -> dict[str, dict[str, float] | None]:
+def _statistics(**errors: Array) -> dict[str, Any]:
     """Return median, rmse, p95 and max of errors by name; None where there are none."""
     found = {name: Statistics.of(values) for name, values in errors.items()}
     return {name: dataclasses.asdict(one) if one is not None else None for name, one in found.items()}
