@@ -123,7 +123,7 @@ def _draw_sides(judged: Judged, axes: Axes) -> None:
     axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
     axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
     median = 1e3 * float(np.median(errors.translation_m))
-    axes.set_title(f"Error [m] of {len(seconds)} poses, median {median:.3g} mm", loc="left")
+    axes.set_title(f"Error [m], median {median:.3g} mm", loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.1)
 
 
@@ -138,7 +138,8 @@ def _draw_states(statuses: list[Status], axes: Axes) -> None:
     for words in ([str(status.state) for status in statuses], [str(status.reason) for status in statuses]):
         told = [(one, word) for one, word in zip(statuses, words, strict=True) if word]
         seconds = [one.stamp_ns * 1e-9 for one, _ in told]
-        axes.scatter(seconds, [word for _, word in told], c=[COLORS[one.state] for one, _ in told], marker="|", s=200)
+        axes.scatter(seconds, [word for _, word in told], c=[COLORS[one.state] for one, _ in told], marker="|", s=80)
+    axes.margins(y=0.2)
     axes.invert_yaxis()
 
 
