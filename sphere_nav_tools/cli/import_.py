@@ -133,7 +133,8 @@ READERS: dict[str, Callable[[argparse.Namespace], Recording]] = {
 
 def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
     """Return a camera of a Kinect by its lens: fx, fy, cx, cy and the distortion."""
-    return Pinhole(*KINECT_SIZE, *lens[:4], lens[4:])
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(*KINECT_SIZE, fx, fy, cx, cy, tuple(distortion))
 
 
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:

@@ -115,7 +115,8 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
 def _pinhole(frames: Pictures, lens: tuple[float, ...]) -> Pinhole:
     """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
     height, width = frames[0].read().shape[:2]
-    return Pinhole(width, height, *lens[:4], lens[4:])
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
 
 
 def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:
