@@ -16,9 +16,7 @@ NO_IMAGE_S, RATE_S = 3.0, 2.0  # without an image while a drive is recorded; ove
 SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; of a navigator, which says it less often
 
 # Who is let in to a page (test_gate)
-MIN_TOKEN = 8  # characters
-MAX_GUESSES, GUESS_S = 10, 1.0  # wrong tokens of one visitor at once; s until one more is looked at
-MAX_VISITORS, MAX_KNOWN = 1000, 1000  # whose guesses are counted; wrong tokens that are remembered
+MIN_TOKEN = 16  # characters: more than anybody guesses over a network
 MAX_OUTSIDE = 64  # connections that are not admitted
 
 # A demonstration, and whether it goes on (demo/test_demo, demo/test_watch)
@@ -27,7 +25,6 @@ MIN_DRIVEN = 0.95  # share of the path that must be driven
 PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 SILENCE = 600.0  # s in which the car stands that end one: kernels are compiled in two minutes on two quiet cores
 LOOK = 0.1  # s between two looks at what still runs
-MOVING = 0.05  # m/s, slower is standing
 
 # A recording (test_mcl)
 MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart

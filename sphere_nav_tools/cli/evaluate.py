@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--align-by", ("POSES", "TRUTH"), "find the alignment on these", Path, nargs=2)
     add(parser, "--json", "F", "write all numbers to this file", Path, action=FileAction)
     told = "draw top view and errors over time (png, pdf or svg)"
-    add(parser, "--plot", "F", told, Path, action=FileAction, endings=PICTURES)
+    add(parser, "--plot", "F", told, Path, action=FileAction, const=PICTURES)
     add_overwrite(parser)
     add(parser, "--tolerance", "S", "largest distance of paired stamps in s (0.01)", read_positive, default=0.01)
     flag(parser, "--interpolate", "interpolate the truth at every estimate's stamp")

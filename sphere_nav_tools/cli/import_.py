@@ -35,9 +35,10 @@ Turn a recorded data set into an MCAP bag with our topics.
                 undistorted, with camera_info, points of its LiDAR, and BAG/rig.yaml; truth of the vehicle
   spherical     rgbd360 rings of eight sensors, or equirectangular image_*.png with range_*.png: sphere
   images        image files or videos. Of a rig (--rig; each camera a folder or video of its name):
-                cameras/<name>/image_raw. Of one camera (--camera, or a rig file of one): image_raw. Of a stereo pair
-                left, right: left/image_raw, right/image_raw; rectified with --camera and --baseline, raw with a rig
-                file of left and right. Of a 360 camera (--panorama): image_raw, sphere_info, to localise with.
+                cameras/<name>/image_raw, camera_info. Of one camera (--camera, or a rig file of one): image_raw. Of a
+                stereo pair left, right: left/image_raw, right/image_raw; rectified with --camera and --baseline, raw
+                with a rig file of left and right. Of a 360 camera (--panorama): image_raw, sphere_info, to localise
+                with.
                 Equirectangular pairs top, bottom (--baseline): sphere.
                 Names that are times since 1970 are stamps.
 

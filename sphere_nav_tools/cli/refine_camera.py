@@ -41,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "source", "BAG", "bag with images and camera_info")
     add_output(parser, "YAML", "calibration to write")
     add(parser, "--images", "N", "images that are compared (%(default)s)", int, default=40)
-    add(parser, "--readout", "S", "where to start, s (%(default)s)", float, default=0.0)
     topics.add_options(parser)
     add_settings(parser, "dense_localizer")
 

@@ -39,7 +39,7 @@ examples:
   sphere_nav route build maps/campus drives/*.tum --dry-run --plot campus.png
   sphere_nav route build maps/campus drives/*.tum
   sphere_nav route name gate maps/campus --at 41.5,60
-  sphere_nav route plan maps/campus home gate --closed 12
+  sphere_nav route plan maps/campus home gate
   sphere_nav route export maps/campus -o way.csv --from home --to gate
 """
 
@@ -63,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         floats("X,Y or X,Y,YAW", 2, 3),
         required=True,
     )
-    _add_network(words.add_parser("show", help="tell what is in a network"))
+    look = words.add_parser("show", help="tell what is in a network")
+    _add_network(look)
     way = words.add_parser("plan", help="tell the way between two places")
     _add_network(way)
     add(way, "start", "FROM", "place")
@@ -73,13 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(export, "FILE", ".geojson or .csv", (".geojson", ".csv"))
     add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
     add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
-    for word in (way, export):
-        add(word, "--closed", "N,N", "edges that are not driven", floats("N,N", 1, 1000), default=())
-        add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=1.4)
-    for word in (build, words.choices["show"], way):
+    for word in (build, look, way):
         told = f"picture to write ({', '.join(PICTURES)})"
-        add(word, "--plot", "FILE", told, Path, action=FileAction, endings=PICTURES)
+        add(word, "--plot", "FILE", told, Path, action=FileAction, const=PICTURES)
         add_overwrite(word)
+    acts = {build: make_network, name: name_place, look: show, way: plan_way, export: export_network}
+    for word, act in acts.items():
+        word.set_defaults(act=act)
 
 
 def _add_network(parser: argparse.ArgumentParser) -> None:
@@ -88,14 +89,8 @@ def _add_network(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int | None:
     """Carry out one word."""
-    words: dict[str, Callable[..., int | None]] = {
-        "build": make_network,
-        "name": name_place,
-        "show": show,
-        "plan": plan_way,
-        "export": export,
-    }
-    return words[arguments.word](arguments)
+    act: Callable[..., int | None] = arguments.act
+    return act(arguments)
 
 
 def make_network(arguments: argparse.Namespace) -> None:
@@ -144,7 +139,7 @@ def plan_way(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def export(arguments: argparse.Namespace) -> None:
+def export_network(arguments: argparse.Namespace) -> None:
     """Write a network, or a way on it."""
     network, output = _read(arguments), arguments.output
     if output.suffix == ".geojson":
@@ -162,11 +157,8 @@ def _read(arguments: argparse.Namespace) -> Network:
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
-    closed = {int(edge) for edge in arguments.closed}
-    if unknown := closed - set(network.edges):
-        raise ValueError(f"--closed: expected edges of the network, found {sorted(unknown)[0]}")
     starts, goals = (network.spots_of(network.node_of(place)) for place in (arguments.start, arguments.goal))
-    return plan(network, starts, goals, cruise=arguments.cruise, closed=closed)
+    return plan(network, starts, goals, cruise=routes.CRUISE)
 
 
 def _tell(arguments: argparse.Namespace, network: Network, lines: list[str], route: Route | None = None) -> None:

@@ -37,7 +37,6 @@ MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
 
 # A drive that is mapped or localised (mapping/test_drive, mapping/test_extension)
 MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
-MIN_WAY_M = 0.1  # of a drive whose drift is told
 MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
 PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
 IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU

@@ -15,6 +15,7 @@ from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
     AXES,
     AbsoluteErrors,
+    RelativeErrors,
     Statistics,
     absolute_errors,
     align_trajectories,
@@ -72,7 +73,7 @@ def evaluate_poses(
         "n": len(paired),
         "coverage": len(covered) / len(truth),
         **_absolute(errors),
-        "rpe": _relative(paired, paired_truth, rpe_length_m),
+        "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
             "kind": alignment,
@@ -151,23 +152,21 @@ def report_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    return {
-        "translation_m": _statistics(errors.translation_m),
-        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
-        "lateral_m": _statistics(errors.lateral_m),
-        "longitudinal_m": _statistics(errors.longitudinal_m),
-    }
+    return _statistics(
+        translation_m=errors.translation_m,
+        rotation_deg=np.degrees(errors.rotation_rad),
+        lateral_m=errors.lateral_m,
+        longitudinal_m=errors.longitudinal_m,
+    )
 
 
-def _relative(estimate: Trajectory, truth: Trajectory, length_m: float) -> dict[str, Any]:
-    errors = relative_errors(estimate, truth, length_m)
-    return {
-        "n": len(errors.length_m),
-        "length_m": length_m,
-        "translation_m": _statistics(errors.translation_m),
-        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
-        "translation_percent": _statistics(100 * errors.translation_m / errors.length_m),
-    }
+def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:
+    statistics = _statistics(
+        translation_m=errors.translation_m,
+        rotation_deg=np.degrees(errors.rotation_rad),
+        translation_percent=100 * errors.translation_m / errors.length_m,
+    )
+    return {"n": len(errors.length_m), "length_m": length_m, **statistics}
 
 
 def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
@@ -179,9 +178,10 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
 
 
-def _statistics(values: np.ndarray) -> dict[str, float] | None:
-    found = Statistics.of(values)
-    return None if found is None else dataclasses.asdict(found)
+def _statistics(**errors: Array) -> dict[str, Any]:
+    """Return median, rmse, p95 and max of errors by name; None where there are none."""
+    found = {name: Statistics.of(values) for name, values in errors.items()}
+    return {name: dataclasses.asdict(one) if one is not None else None for name, one in found.items()}
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:

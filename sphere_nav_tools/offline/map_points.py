@@ -1,4 +1,4 @@
-"""A map for other tools: points of all key spheres with normals and colours (.ply), and where on the earth.
+"""A map for other tools: points of all key spheres with colours (.ply), and where on the earth.
 
 GeoJSON (RFC 7946) has key spheres and edges, given where the origin of the map is.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from argparse import ArgumentTypeError
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,33 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
+from sphere_mapping.map_cloud import thin_points
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav.spheres.range_alignment import find_normals
 from sphere_nav.spheres.sphere import Sphere, to_rgb
 from sphere_nav_tools.offline.settings import floats
 
 COLORS = ("red", "green", "blue")
-# m in the map, a unit normal towards its sphere (0 where unknown), levels
-POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in COLORS])
+POINT = np.dtype([(name, "<f4") for name in "xyz"] + [(name, "u1") for name in COLORS])  # m in the map, levels
 Cloud = NDArray[Any]  # (N,) of POINT
 
 
 def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
-    rays = pixel_rays(sphere.camera)
-    kept = sphere.range_m <= params.max_range_m  # not where it is not measured
-    range_m = np.where(kept, sphere.range_m, np.nan).astype(np.float32)
-    points = rays * range_m[..., None]
-    normals = np.nan_to_num(find_normals(points, range_m, is_whole=sphere.camera.is_whole))
-    chosen = np.zeros_like(kept)
-    chosen[:: params.step, :: params.step] = kept[:: params.step, :: params.step]
-    rgb = to_rgb(sphere.image)
-    turned = normals[chosen] @ node.T_map_sphere.rotation.T
-    placed = node.T_map_sphere.apply(points[chosen])
-    return np.rec.fromarrays([*placed.T, *turned.T, *rgb[chosen].T], dtype=POINT)
+    points, levels = thin_points(replace(sphere, image=to_rgb(sphere.image)), params)
+    return np.rec.fromarrays([*node.T_map_sphere.apply(points).T, *levels.T], dtype=POINT)
 
 
 def write_ply(path: Path, clouds: list[Cloud]) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -64,12 +65,10 @@ def draw_localization(
 
     Poses are drawn in the frame of the truth.
     """
-    stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
-    start = int(min(stamps))
     lines, views, alignment = {}, [], ""
     if judged is not None and poses is not None:
         lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
-        views = [partial(_draw_sides, judged), partial(_draw_sizes, judged)]
+        views = [partial(_draw_sides, judged), partial(_draw_turns, judged)]
         poses = poses.moved(*alignment_of(judged.report))
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
@@ -82,7 +81,7 @@ def draw_localization(
         axes: Axes | None = None
         for row, draw in enumerate(views):
             axes = figure.add_subplot(cells[row, 1], sharex=axes)
-            draw(axes, start)
+            draw(axes)
         if axes is not None:
             axes.set_xlabel("time [s]")
 
@@ -98,16 +97,17 @@ def drawn(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
 
 def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array] = {}) -> None:
     """Draw paths (N, 2) from above by name, the true one before the last, marked places, and where the last begins."""
-    for number, (name, path) in enumerate(reversed(list(lines.items()))):
-        color, width, size = (TRUTH, 4, 0) if number else (ESTIMATE, 1, 2)
-        axes.plot(*path.T, ".-", label=name, color=color, lw=width, ms=size, zorder=2 - number)
-    for number, (name, places) in enumerate(marks.items()):
-        axes.plot(*places.T, "o", color=f"C{number + 1}", ms=4, label=name)
-    for name, path in list(lines.items())[-1:]:
-        axes.plot(*path[0], "o", color="black", ms=5, label="start")
-        axes.plot(*path[-1], "s", color="black", ms=5, label="end")
-        axes.set_title(f"From above: {len(path)} places of {name.split(',')[0]}", loc="left")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, frameon=False)
+    name, path = "", np.zeros((0, 2))
+    for name, path in lines.items():
+        is_last = len(axes.lines) == len(lines) - 1
+        style: dict[str, Any] = {"color": ESTIMATE, "lw": 1, "ms": 2} if is_last else {"color": TRUTH, "lw": 4, "ms": 0}
+        axes.plot(*path.T, ".-", label=name, **style)
+    for label, places in marks.items():
+        axes.plot(*places.T, "o", color="C1", ms=4, label=label)
+    axes.plot(*path[:1].T, "o", color="black", ms=5, label="start")
+    axes.plot(*path[-1:].T, "s", color="black", ms=5, label="end")
+    axes.set_title(f"From above: {len(path)} places of {name.split(',')[0]}", loc="left")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, frameon=False)
     in_meters(axes)
 
 
@@ -117,53 +117,34 @@ def in_meters(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _draw_sides(judged: Judged, axes: Axes, start: int) -> None:
-    seconds = (judged.truth.stamps_ns - start) * 1e-9
-    axes.plot(seconds, judged.errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, judged.errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
-    median = 1e3 * float(np.median(judged.errors.translation_m))
-    axes.set_title(f"Error of {len(seconds)} poses, median {median:.3g} mm", loc="left")
-    axes.set_ylabel("error [m]")
-    legend_above(axes)
+def _draw_sides(judged: Judged, axes: Axes) -> None:
+    seconds, errors = judged.truth.stamps_ns * 1e-9, judged.errors
+    axes.plot(seconds, errors.translation_m, color=TRUTH, lw=1, label="size")
+    axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    median = 1e3 * float(np.median(errors.translation_m))
+    axes.set_title(f"Error [m], median {median:.3g} mm", loc="left")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.1)
 
 
-def _draw_sizes(judged: Judged, axes: Axes, start: int) -> None:
-    seconds, turned = (judged.truth.stamps_ns - start) * 1e-9, axes.twinx()
-    axes.plot(seconds, judged.errors.translation_m, color=ESTIMATE, lw=1)
-    turned.plot(seconds, np.degrees(judged.errors.rotation_rad), color=ROTATION, lw=1)
-    for side, name, color in ((axes, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
-        side.set_ylabel(f"error of {name}", color=color)
-        side.set_ylim(bottom=0.0)
-    turned.grid(visible=False)
+def _draw_turns(judged: Judged, axes: Axes) -> None:
+    axes.plot(judged.truth.stamps_ns * 1e-9, np.degrees(judged.errors.rotation_rad), color=ROTATION, lw=1)
+    axes.set_title("Error of the rotation [°]", loc="left")
 
 
-def legend_above(axes: Axes) -> None:
-    """Put the legend above a view, where no curve is."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1)
-
-
-def _draw_states(statuses: list[Status], axes: Axes, start: int) -> None:
-    """Draw a row for each state and each reason; what was said holds until the next is."""
+def _draw_states(statuses: list[Status], axes: Axes) -> None:
+    """Draw a mark for each image in the row of its state, and in that of its reason."""
     axes.set_title(f"State, and reason, of {len(statuses)} images", loc="left")
-    ordered = sorted(statuses, key=lambda status: status.stamp_ns)
-    begins = (np.array([status.stamp_ns for status in ordered]) - start) * 1e-9
-    widths = np.maximum(np.diff(begins, append=begins[-1]), 1e-3)
-    told = [(str(status.state), str(status.reason)) for status in ordered]
-    states, reasons = {state for state, _ in told}, {reason for _, reason in told if reason}
-    names = [*(str(state) for state in State if state in states), *sorted(reasons)]
-    for row, name in enumerate(names):
-        chosen, half = [i for i, words in enumerate(told) if name in words], 0.2 if name in reasons else 0.4
-        colors = [COLORS[State(told[i][0])] for i in chosen]
-        axes.broken_barh([(begins[i], widths[i]) for i in chosen], (row - half, 2.0 * half), facecolors=colors)
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.5, -0.5)
+    for words in ([str(status.state) for status in statuses], [str(status.reason) for status in statuses]):
+        told = [(one, word) for one, word in zip(statuses, words, strict=True) if word]
+        seconds = [one.stamp_ns * 1e-9 for one, _ in told]
+        axes.scatter(seconds, [word for _, word in told], c=[COLORS[one.state] for one, _ in told], marker="|", s=80)
+    axes.margins(y=0.2)
+    axes.invert_yaxis()
 
 
-def _draw_times(statuses: list[Status], axes: Axes, start: int) -> None:
+def _draw_times(statuses: list[Status], axes: Axes) -> None:
     timed = [status for status in statuses if status.milliseconds > 0.0]
-    seconds = np.array([(status.stamp_ns - start) * 1e-9 for status in timed])
-    axes.plot(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
-    axes.set_ylabel("[ms]")
-    axes.set_title(f"Time for each of {len(timed)} images", loc="left")
-    if timed:
-        axes.set_yscale("log")
+    seconds = [status.stamp_ns * 1e-9 for status in timed]
+    axes.semilogy(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
+    axes.set_title(f"Time for each of {len(timed)} images [ms]", loc="left")

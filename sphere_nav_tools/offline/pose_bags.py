@@ -38,9 +38,10 @@ def trajectory_of(stamps: Sequence[int], poses: Sequence[SE3]) -> Trajectory:
 def sort_poses(poses: Mapping[int, PoseReading]) -> Trajectory:
     """Return poses by their stamps, in the order of time; with covariances where all have one."""
     chosen = [poses[stamp] for stamp in sorted(poses)]
-    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
-    told = np.array(covariances).reshape(-1, 6, 6) if len(covariances) == len(chosen) else None
-    return replace(trajectory_of(sorted(poses), [pose for pose, _ in chosen]), covariances=told)
+    found = trajectory_of(sorted(poses), [pose for pose, _ in chosen])
+    if not all(covariance is not None and np.any(covariance) for _, covariance in chosen):
+        return found
+    return replace(found, covariances=np.reshape([covariance for _, covariance in chosen], (-1, 6, 6)))
 
 
 def is_bag(path: Path) -> bool:

@@ -57,7 +57,7 @@ class RecordedDrive:
 
         Poses that were found by a lens that is far off are far off themselves.
         """
-        given = lens = Lens.of(self.recorded.camera, self._arguments.readout)
+        given = lens = Lens.of(self.recorded.camera, 0.0)
         for _ in range(REFINE_ROUNDS):
             images = self._locate(sphere_map, lens)
             with progress("refine the lens", "step") as bar:

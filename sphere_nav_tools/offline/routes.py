@@ -21,6 +21,7 @@ from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns
 
 EDGE, WAY = "#1f77b4", "#d62728"
+CRUISE = FollowerParams().speed.cruise  # m/s, by which ways are compared
 
 
 def map_id_of(path: Path) -> str:
@@ -67,20 +68,12 @@ def write_way(file: Path, network: Network, route: Route) -> int:
 
 
 def describe(network: Network) -> list[str]:
-    """Return the network in lines: what is in it, its edges, its places, what a car should be warned of."""
+    """Return the network in lines: what is in it, its edges, its places."""
     total = sum(edge.length for edge in network.edges.values())
     num = f"{len(network.nodes)} nodes, {len(network.edges)} edges"
     lines = [f"{num}, {total:.1f} m, map {network.map_id or 'unknown'}"]
     lines += columns([("edge", "from", "to", "length", "speed", "driven"), *map(_edge_row, network.edges.values())])
-    lines += [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
-    sharpest = VehicleParams().max_curvature
-    for edge in network.edges.values():
-        bend = float(np.abs(edge.curve.bend).max())
-        if bend > sharpest:
-            lines.append(
-                f"edge {edge.id}: bends to {1 / bend:.1f} m radius; a Cycab cannot turn tighter than {1 / sharpest:.1f}"
-            )
-    return lines
+    return lines + [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
 
 
 def _edge_row(edge: RouteEdge) -> Sequence[str | int]:

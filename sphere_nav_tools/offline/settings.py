@@ -110,27 +110,23 @@ def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--se
 
 
 class FileAction(argparse.Action):
-    """Takes a file to write, which must have one of some endings; `check_files` looks at it before any work begins.
+    """Takes a file to write, which must have one of the endings that are its `const`; any, where there are none.
 
-    Its parser has --overwrite, too.
+    `check_files` looks at it before any work begins. Its parser has --overwrite, too.
     """
-
-    def __init__(self, option_strings: Sequence[str], dest: str, endings: Sequence[str] = (), **more: Any) -> None:
-        super().__init__(option_strings, dest, **more)
-        self._endings = endings
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, path: Any, option_string: str | None = None) -> None:
         """Take one."""
-        if self._endings and path.suffix not in self._endings:
+        if self.const and path.suffix not in self.const:
             found = f"found ending {path.suffix!r}"
-            raise argparse.ArgumentError(self, f"{path}: expected a file {', '.join(self._endings)}, {found}")
+            raise argparse.ArgumentError(self, f"{path}: expected a file {', '.join(self.const)}, {found}")
         setattr(namespace, self.dest, path)
         namespace.to_write = [*getattr(namespace, "to_write", ()), path]
 
 
 def add_output(parser: argparse.ArgumentParser, metavar: str, what: str, endings: Sequence[str] = ()) -> None:
     """Declare the file that a command is for, and --overwrite."""
-    how: dict[str, Any] = {"action": FileAction, "endings": endings, "type": Path, "metavar": metavar, "help": what}
+    how: dict[str, Any] = {"action": FileAction, "const": endings, "type": Path, "metavar": metavar, "help": what}
     parser.add_argument("-o", "--output", required=True, **how)
     add_overwrite(parser)
 

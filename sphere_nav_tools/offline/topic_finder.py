@@ -187,8 +187,7 @@ class TopicFinder:
         What the user named decides, else our own names, else what is found; by calibrations, frames and stamps it must
         belong together, as far as no parameter of the mapper says more.
         """
-        is_own = {kind: {*map(absolute, wanted)} <= self.by_name.keys() for kind, wanted in TOPICS.items()}
-        own = [kind for kind in TOPICS if is_own[kind] and not self.chosen]
+        own = [] if self.chosen else [kind for kind in TOPICS if {*map(absolute, TOPICS[kind])} <= self.by_name.keys()]
         named = [KINDS[head] for head in map(_head, self.chosen) if head in KINDS]
         if has_rig or CAMERAS in named or (camera_names(s.base.strip("/") for s in self.streams) and not own):
             return CAMERAS, Choice({})
@@ -231,15 +230,14 @@ class TopicFinder:
         """Raise BagError where no two images of two cameras are of one instant, as the beginning of the bag tells."""
         slack_s = self.slack_s(one) if slack_s is None else slack_s
         stamps: dict[str, list[int]] = {one: [], other: []}
-        nearest_ns = np.iinfo(np.int64).max
         for topic, _, message in self.bag.messages(stamps):
-            stamp, partner = stamp_ns(message), stamps[other if topic == one else one]
-            nearest_ns = min([nearest_ns, *(abs(stamp - there) for there in partner[-NUM_PAIRED:])])
-            stamps[topic].append(stamp)
-            if nearest_ns <= slack_s * 1e9:
-                return
+            stamps[topic].append(stamp_ns(message))
             if min(map(len, stamps.values())) >= NUM_PAIRED:
                 break
+        apart_ns = np.abs(np.subtract.outer(*stamps.values()))
+        nearest_ns = apart_ns.min(initial=np.iinfo(np.int64).max)
+        if nearest_ns <= slack_s * 1e9:
+            return
         expected = f"stamps within {1e3 * slack_s:.0f} ms of {one} (--set slack_s={slack_s:g})"
         raise BagError(f"{other}: expected {expected}, found {1e-6 * nearest_ns:.0f} ms at the nearest")
 

@@ -11,7 +11,6 @@ from scipy.spatial import KDTree
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav_tools.cli.constants import MOVING
 from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
@@ -39,7 +38,7 @@ def drive_errors(folder: Path) -> DriveErrors:
     teach, truth = read_truth(folder / "teach"), read_truth(folder / "drive")
     estimate, by = read_poses(folder / "drive", ("/pose",)), (read_tum(folder / "taught.tum"), teach)
     judged = evaluate_poses(estimate, truth, alignment="poses", is_interpolated=True, aligned_by=by)
-    taught, driven = _crop_to_motion(teach), _crop_to_motion(truth)
+    taught, driven = _in_motion(teach), _in_motion(truth)
     feet, lateral = distances_from(taught, driven)
     share = float(taught.distances[feet.max()] / taught.distances[-1])
     return DriveErrors(taught, driven, taught.T_map_body.yaw[feet], lateral, share, judged)
@@ -58,13 +57,9 @@ def read_truth(bag: Path) -> Trajectory:
     return read_poses(bag, ("/ground_truth/odometry",))
 
 
-def _crop_to_motion(trajectory: Trajectory) -> Trajectory:
-    """Return the part between the first and the last motion."""
-    speeds = np.diff(trajectory.distances) / np.maximum(np.diff(trajectory.stamps_ns) / 1e9, 1e-9)
-    moving = np.flatnonzero(speeds > MOVING)
-    if not moving.size:
-        raise ValueError("drive: expected a car that moves, found one that stands")
-    return trajectory[slice(int(moving[0]), int(moving[-1]) + 2)]
+def _in_motion(trajectory: Trajectory) -> Trajectory:
+    """Return the first pose, and every one that is elsewhere than the one before."""
+    return trajectory[np.diff(trajectory.distances, prepend=-1.0) > 0.0]
 
 
 def plot_top_view(path: Path, errors: DriveErrors, key_spheres: Array) -> None:

@@ -20,7 +20,7 @@ Writer = Callable[[MapReader, Path, argparse.Namespace], str]
 HELP = """\
 Write a map in a format that other tools read; the suffix of the output says which.
 
-  .ply  point cloud with normals and colours, map frame, metres (binary)
+  .ply  point cloud with colours, map frame, metres (binary)
   .g2o  pose graph, VERTEX_SE3:QUAT and EDGE_SE3:QUAT
   .tum  pose of every key sphere: stamp x y z qx qy qz qw
   .geojson  key spheres and edges by longitude and latitude (WGS 84), given --datum

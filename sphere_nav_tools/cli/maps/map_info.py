@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
@@ -64,8 +63,7 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "loops": sum(edge.is_loop for edge in graph.edges),
         "length_m": float(info.length),
         "extent_m": np.ptp(positions, axis=0).tolist(),
-        "spacing_m": quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1)),  # to the next one
-        "region_radius_m": quantiles([node.region_radius_m for node in nodes if node.region_radius_m > 0]),
+        "region_radius_m": float(np.median([node.region_radius_m for node in nodes])),
         "first_stamp_s": nodes[0].stamp_ns / 1e9,
         "last_stamp_s": nodes[-1].stamp_ns / 1e9,
         "sphere_size": [sphere.camera.width, sphere.camera.height],
@@ -90,9 +88,3 @@ def describe_experience(experience: Experience, part: SphereGraph) -> dict[str, 
         "images_served": float(sum(node.served for node in part)),
         "last_served_s": last_ns / 1e9 if last_ns else None,
     }
-
-
-def quantiles(values: ArrayLike) -> list[float]:
-    """Return the smallest, the median and the largest of some values; nothing of none."""
-    numbers = np.asarray(values, dtype=np.float64)
-    return np.quantile(numbers, [0.0, 0.5, 1.0]).tolist() if numbers.size else []

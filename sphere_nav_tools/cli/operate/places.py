@@ -11,7 +11,6 @@ from sphere_nav_tools.cli.operate.words import Place
 from sphere_nav_tools.offline import routes
 
 COURSE = "course.csv"
-CRUISE = 1.4  # m/s, by which ways are compared
 
 
 def network_of(made: Path, taught: Path | None) -> Network:
@@ -32,5 +31,5 @@ def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -
 def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float, float], folder: Path) -> Path:
     """Write the way from a pose to the closest point of the network, and return the file; ValueError for no way."""
     begin, end = routes.find_spot(network, *pose), routes.find_spot(network, *goal)
-    routes.write_way(folder / COURSE, network, plan(network, [begin], [end], cruise=CRUISE))
+    routes.write_way(folder / COURSE, network, plan(network, [begin], [end], cruise=routes.CRUISE))
     return folder / COURSE

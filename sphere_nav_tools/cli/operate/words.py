@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -43,16 +42,14 @@ class Heard:
 
     def __init__(self) -> None:
         self._told: dict[str, tuple[Any, float]] = {}
-        self._lock = threading.Lock()
         self.lines: deque[str] = deque(maxlen=MAX_TOLD)
         self.refused = ""  # the last command, and why, until the next one
 
     def hear(self, name: str, value: Any) -> None:
         """Keep a value; what the follower does, and since when it was silent, is told among what was done."""
         now = time.monotonic()
-        with self._lock:
-            last, heard = self._told.get(name, (None, now))
-            self._told[name] = value, now
+        last, heard = self._told.get(name, (None, now))
+        self._told[name] = value, now
         if name == "follower":
             silence = f" after {now - heard:.0f} s of silence" * (now - heard > SILENT_S)
             if silence or last is None or (last.state, last.reason) != (value.state, value.reason):
@@ -60,8 +57,7 @@ class Heard:
 
     def told(self, name: str) -> tuple[Any, float]:
         """Return the newest value and its age in s; None and infinity before the first."""
-        with self._lock:
-            value, heard = self._told.get(name, (None, -math.inf))
+        value, heard = self._told.get(name, (None, -math.inf))
         return value, time.monotonic() - heard
 
     @property

@@ -77,7 +77,6 @@ class Page(WebPage):
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         client.gui.add_button("back to the start").on_click(lambda _: put(client, self._start))
-        shot = client.gui.add_button("screenshot")
 
         def draw(is_still: bool) -> bool:
             """Draw a small view while the camera moves, its holes filled when it stands; whether it is whole."""
@@ -89,12 +88,6 @@ class Page(WebPage):
             text.content = f"{whereabouts(self._graph, T)}\n\n{100 * view.is_known.mean():.0f} % seen"
             return is_whole
 
-        def send_screenshot(_: Any) -> None:
-            lens = browser_camera(client.camera)
-            view = self._scene.render(browser_pose(client.camera), lens, looks[look.value], count=NUM_FILLING)
-            client.send_file_download("view.png", encoded(shown(view), ".png"))
-
-        shot.on_click(send_screenshot)
         changed.set()
         threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
 

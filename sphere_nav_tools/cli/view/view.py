@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(begin, "--sphere", "ID", "begin at a key sphere (the first one)", int)
     add(parser, "--experience", "NAME", "begin with this look of the map, as map-info names it")
     told = "write the first view (.png, .jpg) and end"
-    add(parser, "--screenshot", "F", told, Path, action=FileAction, endings=(".png", ".jpg"))
+    add(parser, "--screenshot", "F", told, Path, action=FileAction, const=(".png", ".jpg"))
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
     add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -51,61 +52,67 @@ def guess_format(folder: Path) -> str:
 UNITS = {4: 1_000_000, 5: 1_000, 6: 1}  # ns in the unit of a stamp since 1970, by a third of its digits
 
 
-class Folder:
-    """Image files: those of a folder in the order of the last number in their names, or those that are listed.
+class Picture(NamedTuple):
+    """An image: its stamp in ns, what it is called in errors, and what reads it: (h, w) grey, (h, w, 3) BGR, ..."""
 
-    Names that are times since 1970 are stamps; a list tells them.
+    stamp_ns: int
+    where: object
+    read: Callable[[], NDArray[Any]]
+
+
+Pictures = Sequence[Picture]  # of one camera, in the order of time
+
+
+def listed(files: Iterable[tuple[int, Path]], read: Callable[[Path], NDArray[Any]] = read_image) -> Pictures:
+    """Return the images of files with their stamps."""
+    return [Picture(stamp, file, partial(read, file)) for stamp, file in files]
+
+
+def of_folder(path: Path, read: Callable[[Path], NDArray[Any]] = read_image, hz: float | None = None) -> Pictures:
+    """Return the images of a folder in the order of the last number in their names.
+
+    Names that are times since 1970 are stamps, if all are; else `hz` counts.
     """
+    files = sorted(filter(is_image, path.iterdir()), key=order_of)
+    if not files:
+        raise ValueError(f"{path}: expected images or videos, found none")
+    named = [stamp for file in files if (stamp := stamp_of(file.stem)) is not None]
+    stamps = named if len(named) == len(files) else even_stamps(len(files), hz or DEFAULT_HZ)
+    if any(np.diff(stamps) <= 0):
+        raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
+    return listed(zip(stamps, files, strict=True), read)
 
-    def __init__(
-        self,
-        path: Path,
-        listed: Sequence[tuple[int | None, Path]] = (),
-        read: Callable[[Path], NDArray[Any]] = read_image,
-        *,
-        is_stamped: bool = False,
-    ) -> None:
-        """`read`: of a file; `is_stamped`: whether names must be stamps."""
-        self.path, self.hz, self._read = path, 0.0, read
-        listed = listed or [(stamp_of(f.stem), f) for f in sorted(filter(is_image, path.iterdir()), key=order_of)]
-        if not listed:
-            raise ValueError(f"{path}: expected images or videos, found none")
-        self.files, self.number = [file for _, file in listed], len(listed)
-        stamps = [stamp for stamp, _ in listed if stamp is not None]
-        self.stamps = stamps if len(stamps) == self.number else None
-        if self.stamps is None and is_stamped:
-            raise ValueError(f"{path}: expected images named by their stamps, found others")
-        if self.stamps is not None and any(np.diff(self.stamps) <= 0):
-            raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
 
-    def where(self, index: int) -> object:
-        """Return what an image is called in errors."""
-        return self.files[index]
+def of_video(path: Path, hz: float | None = None) -> Pictures:
+    """Return the images of a video, by its own rate where no other is given."""
+    video = Video(path)
+    stamps = even_stamps(video.number, hz or video.hz or DEFAULT_HZ)
+    return [Picture(at, f"{path}: image {index}", partial(video.read, index)) for index, at in enumerate(stamps)]
 
-    def read(self, index: int) -> NDArray[Any]:
-        """Return an image (h, w) grey or (h, w, 3) BGR, or what the reader makes of it."""
-        return self._read(self.files[index])
+
+def even_stamps(number: int, hz: float) -> list[int]:
+    """Return the stamps of images that have none."""
+    return [FIRST_STAMP_NS + round(index * 1e9 / hz) for index in range(number)]
 
 
 class Video:
-    """A video file, read from its beginning to its end."""
+    """A video file, which is read from its beginning to its end, and from its beginning again."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.stamps: list[int] | None = None
-        self._capture = cv2.VideoCapture(str(path))
+        self._open()
         self.number = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) if self._capture.isOpened() else 0
         if self.number <= 0:
             raise ValueError(f"{path}: expected a video, found a file that cannot be read as one")
         self.hz = float(np.nan_to_num(self._capture.get(cv2.CAP_PROP_FPS), posinf=0.0))
-        self._next = 0
 
-    def where(self, index: int) -> object:
-        """Return what an image is called in errors."""
-        return f"{self.path}: image {index}"
+    def _open(self) -> None:
+        self._capture, self._next = cv2.VideoCapture(str(self.path)), 0
 
     def read(self, index: int) -> Bytes:
-        """Return an image (h, w, 3) BGR; indices may only rise."""
+        """Return an image (h, w, 3) BGR."""
+        if index < self._next:
+            self._open()
         while self._next < index and self._capture.grab():
             self._next += 1
         is_read, image = self._capture.read()
@@ -115,53 +122,43 @@ class Video:
         return np.asarray(image, dtype=np.uint8)
 
 
-Frames = Folder | Video  # of one camera
-
-
-def open_frames(folder: Path, name: str) -> Frames:
+def open_frames(folder: Path, name: str, hz: float | None = None) -> Pictures:
     """Return the images of a camera: the folder of that name, a video of that name, or, for '', the folder itself."""
     if folder.is_file() and not name:
-        return Video(folder)
+        return of_video(folder, hz)
     if (folder / name).is_dir() and (name or any(map(is_image, folder.iterdir()))):
-        return Folder(folder / name)
+        return of_folder(folder / name, hz=hz)
     files = sorted(folder.iterdir()) if folder.is_dir() else [folder]
     videos = [file for file in files if file.suffix.lower() in VIDEOS and file.stem == (name or file.stem)]
     if len(videos) != 1:
         found = ", ".join(path.name for path in files[:8]) or "nothing"
         wanted = f"a folder {name} of images or a video {name}.mp4" if name else "images, or one video"
         raise ValueError(f"{folder}: expected {wanted}, found {found}")
-    return Video(videos[0])
+    return of_video(videos[0], hz)
 
 
-def instants_of(
-    cameras: Mapping[str, Frames], hz: float | None = None, max_gap_ns: int = 0
-) -> list[dict[str, tuple[int, int]]]:
-    """Return by instant and camera the number of the image and its stamp in ns.
+def instants_of(cameras: Mapping[str, Pictures], max_gap_ns: int = 0) -> list[dict[str, Picture]]:
+    """Return the image of each camera by instant: that nearest in time to one of the first; a camera may lack one.
 
-    With stamps, each image belongs to the image of the first camera that is nearest in time; a camera may lack one.
-    With `max_gap_ns` each must have one within it, and all have the stamp of the first. Without stamps, images of one
-    number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
+    With `max_gap_ns` each must have one within it, and all have the stamp of the first. Without stamps in their names
+    all cameras have as many.
     """
-    first, stamped = next(iter(cameras)), {name: frames.stamps or [] for name, frames in cameras.items()}
-    period_ns = 1e9 / (hz or cameras[first].hz or DEFAULT_HZ)
-    if not all(stamped.values()):
-        number = cameras[first].number
-        for name, frames in cameras.items():
-            if frames.number != number:
-                found = f"found {frames.number} of {name}"
-                raise ValueError(f"{frames.path}: expected {number} images as of {first}, {found}")
-        stamps = [FIRST_STAMP_NS + round(index * period_ns) for index in range(number)]
-        stamped = dict.fromkeys(cameras, stamps)
-    reference = np.array(stamped[first], dtype=np.int64)
+    first = next(iter(cameras))
+    reference = np.array([one.stamp_ns for one in cameras[first]], np.int64)
     near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
     gap_ns = max_gap_ns or math.ceil(near_ns) - 1
-    instants: list[dict[str, tuple[int, int]]] = [{} for _ in reference]
-    for name, stamps in stamped.items():
-        for at, index in zip(*associate(reference, np.array(stamps, np.int64), gap_ns), strict=True):
-            instants[at][name] = (int(index), int(reference[at]) if max_gap_ns else stamps[index])
-    whole = [instant for instant in instants if not max_gap_ns or len(instant) == len(stamped)]
+    instants: list[dict[str, Picture]] = [{} for _ in reference]
+    for name, pictures in cameras.items():
+        if pictures[0].stamp_ns == FIRST_STAMP_NS and len(pictures) != len(reference):
+            found = f"found {len(pictures)} of {name}"
+            raise ValueError(f"{pictures[0].where}: expected {len(reference)} images as of {first}, {found}")
+        stamps = np.array([one.stamp_ns for one in pictures], np.int64)
+        for at, index in zip(*associate(reference, stamps, gap_ns), strict=True):
+            one = pictures[index]
+            instants[at][name] = one._replace(stamp_ns=int(reference[at])) if max_gap_ns else one
+    whole = [instant for instant in instants if not max_gap_ns or len(instant) == len(cameras)]
     if not whole:
-        raise ValueError(f"expected {' and '.join(stamped)} within {max_gap_ns} ns, found none")
+        raise ValueError(f"expected {' and '.join(cameras)} within {max_gap_ns} ns, found none")
     return whole
 
 

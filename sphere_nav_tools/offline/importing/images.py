@@ -20,7 +20,8 @@ from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.files import require_folder, require_size
 from sphere_nav_tools.offline.importing.frames import (
     VIDEOS,
-    Frames,
+    Picture,
+    Pictures,
     guess_format,
     instants_of,
     is_image,
@@ -63,20 +64,20 @@ def open_images(
     if rig is not None:
         return _rig_recording(folder, read_rig(rig), hz)
     if lens is not None and baseline_m is not None:
-        pair = [open_frames(folder, side) for side in SIDES]
+        pair = [open_frames(folder, side, hz) for side in SIDES]
         lenses = [_pinhole(pair[0], lens)] * 2
         T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
-        return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m), hz)
+        return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m))
     if lens is not None:
-        frames = open_frames(folder, "")
-        return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)}, hz)
+        frames = open_frames(folder, "", hz)
+        return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)})
     if baseline_m is not None:
         return _panoramas(folder, baseline_m, hz)
     if not is_panorama:
         raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
-    frames, height, width = _sized(folder)
-    check_panorama(frames.path, width, height)
-    return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames, is_told=False)}, hz)
+    frames = open_frames(folder, "", hz)
+    height, width = _read_panorama(frames[0]).shape[:2]
+    return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames)})
 
 
 def how_to_import(path: Path) -> list[str]:
@@ -89,8 +90,9 @@ def how_to_import(path: Path) -> list[str]:
         return [f"{path}: a data set, {kind}; as a bag:", words]
     if path.suffix.lower() not in VIDEOS and not (path.is_dir() and any(map(is_image, path.iterdir()))):
         return []
-    frames, height, width = _sized(path)
-    what = f"{path}: {frames.number} images of {width} x {height}; as a bag, to localise with:"
+    frames = open_frames(path, "")
+    height, width = frames[0].read().shape[:2]
+    what = f"{path}: {len(frames)} images of {width} x {height}; as a bag, to localise with:"
     if width == 2 * height:
         return [what, f"{words} --panorama", ALONE]
     lens = f"{words} --camera {width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}"
@@ -101,41 +103,35 @@ def how_to_import(path: Path) -> list[str]:
 
 
 def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
-    """Return images of a rig, whose file tells the cameras; of one camera or of left and right the bag tells them."""
+    """Return images of a rig; one camera, and left and right, have topics of their own."""
     is_lone = len(rig.cameras) == 1
     rig = Rig((replace(rig.cameras[0], name="camera"),)) if is_lone else rig
-    cameras = {name: open_frames(folder, "" if is_lone else name) for name in rig.names}
+    cameras = {name: open_frames(folder, "" if is_lone else name, hz) for name in rig.names}
     if not is_lone and rig.names != SIDES:
-        return camera_recording(rig_views(rig, cameras, is_told=False), hz, RIG_FRAME)
-    return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"), hz)
+        return camera_recording(rig_views(rig, cameras), RIG_FRAME)
+    return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"))
 
 
-def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:
+def _pinhole(frames: Pictures, lens: tuple[float, ...]) -> Pinhole:
     """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
-    _, height, width = _sized(frames.path)
+    height, width = frames[0].read().shape[:2]
     fx, fy, cx, cy, *distortion = lens
     return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
 
 
-def _sized(path: Path) -> tuple[Frames, int, int]:
-    """Return the images of one camera, with their height and width."""
-    again = open_frames(path, "")  # a video is read once, from its beginning
-    return open_frames(path, ""), *again.read(0).shape[:2]
-
-
 def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:
     """Open equirectangular pairs, 2 H x H: folders or videos top and bottom -> spheres with range."""
-    cameras = {level: open_frames(folder, level) for level in LEVELS}
-    instants = [part for part in instants_of(cameras, hz) if len(part) == len(LEVELS)]
+    cameras = {level: open_frames(folder, level, hz) for level in LEVELS}
+    instants = [part for part in instants_of(cameras) if len(part) == len(LEVELS)]
     if not instants:
         raise ValueError(f"{folder}: expected pairs of one time in top and bottom, found none")
 
     def sphere(index: int, stamp: int) -> Sphere:
-        pair = [_read_panorama(cameras[level], instants[index][level][0]) for level in LEVELS]
-        require_size(cameras["bottom"].path, pair[1], Spherical(pair[0].shape[1], pair[0].shape[0]))
+        pair = [_read_panorama(instants[index][level]) for level in LEVELS]
+        require_size(instants[index]["bottom"].where, pair[1], Spherical(pair[0].shape[1], pair[0].shape[0]))
         return match_panoramas(pair[0], pair[1], baseline_m, stamp, is_first=index == 0)
 
-    return sphere_recording([part["top"][1] for part in instants], sphere)
+    return sphere_recording([part["top"].stamp_ns for part in instants], sphere)
 
 
 def match_panoramas(top: Bytes, bottom: Bytes, baseline_m: float, stamp: int, *, is_first: bool) -> Sphere:
@@ -151,14 +147,11 @@ def match_panoramas(top: Bytes, bottom: Bytes, baseline_m: float, stamp: int, *,
     return Sphere(np.maximum(image, 1), range_m, window, stamp, std_m)
 
 
-def _read_panorama(frames: Frames, number: int) -> Bytes:
-    image = frames.read(number)
-    check_panorama(frames.where(number), image.shape[1], image.shape[0])
-    return image
-
-
-def check_panorama(where: object, width: int, height: int) -> None:
-    """Raise ValueError for an image that is no whole sphere."""
+def _read_panorama(picture: Picture) -> Bytes:
+    """Return an image; ValueError for one that is no whole sphere."""
+    image = picture.read()
+    height, width = image.shape[:2]
     if width != 2 * height:
         found = f"found {width} x {height}: export it as equirectangular"
-        raise ValueError(f"{where}: expected 2 H x H pixels of a whole sphere, {found}")
+        raise ValueError(f"{picture.where}: expected 2 H x H pixels of a whole sphere, {found}")
+    return image

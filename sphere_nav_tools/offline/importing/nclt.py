@@ -23,7 +23,7 @@ from sphere_nav.geometry.files.untrusted import MAX_TABLE_BYTES, read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.importing.files import read_image, read_numbers, require_folder, trajectory
-from sphere_nav_tools.offline.importing.frames import Folder
+from sphere_nav_tools.offline.importing.frames import Pictures, of_folder
 from sphere_nav_tools.offline.importing.recording import (
     RIG_FRAME,
     Recording,
@@ -60,13 +60,13 @@ def mask_of(lens: Lens) -> Bytes:
 def open_nclt(folder: Path) -> Recording:
     """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
     images, parts = require_folder(require_folder(folder) / "lb3"), []
-    cameras, lenses = dict[str, Folder](), dict[str, Lens]()
+    cameras, lenses = dict[str, Pictures](), dict[str, Lens]()
     for name in (name for name in CAMERAS if (images / name).is_dir()):
         number = name.removeprefix("Cam")
         K = read_numbers(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
         pose = read_numbers(_calibration(folder, f"x_lb3_c{number}.csv"), 6, 1)[0]
         lenses[name.lower()] = maps = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
-        cameras[name.lower()] = Folder(images / name, read=partial(read_undistorted, maps), is_stamped=True)
+        cameras[name.lower()] = of_folder(images / name, partial(read_undistorted, maps))
         height, width = maps[0].shape
         lens = Pinhole(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)

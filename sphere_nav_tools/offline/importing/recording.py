@@ -22,7 +22,7 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.files import require_size
-from sphere_nav_tools.offline.importing.frames import Frames, instants_of
+from sphere_nav_tools.offline.importing.frames import Picture, Pictures, instants_of
 
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
 RIG_FRAME = "rig_link"
@@ -32,7 +32,7 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class View:
-    """A camera: how its topics begin, its frame, its images, its lens and pose; a rig file tells those or the bag.
+    """A camera: how its topics begin, its frame, its images, its lens and pose.
 
     `baseline_m` is that of the right camera of a rectified pair.
     """
@@ -40,22 +40,20 @@ class View:
     prefix: str
     frame_id: str
     camera: Camera
-    frames: Frames
+    frames: Pictures
     T_link_camera: SE3 = T_BODY_OPTICAL
     baseline_m: float = 0.0
-    is_told: bool = True
 
 
 @dataclass(frozen=True)
 class Instant:
     """What was recorded at one time.
 
-    By camera the number of its image and that one's own stamp in ns; the true pose where it is known; other messages by
-    topic.
+    Images by camera; the true pose where it is known; other messages by topic.
     """
 
     stamp_ns: int
-    images: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    images: Mapping[str, Picture] = field(default_factory=dict)
     T_map_link: SE3 | None = None
     others: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
 
@@ -77,8 +75,8 @@ class Recording:
     write_beside: Callable[[Path], None] | None = None
 
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
-        """Return base_link -> the link -> the frames of the cameras whose poses are told."""
-        told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
+        """Return base_link -> the link -> the frames of the cameras."""
+        told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.frame_id != self.link}
         frames = [(BASE_FRAME, self.link, self.T_base_link), *((self.link, name, T) for name, T in told.items())]
         return [se3_to_transform(T, stamp, parent, child) for parent, child, T in frames]
 
@@ -94,43 +92,38 @@ class Recording:
                 yield "ground_truth/pose", se3_to_pose_stamped(pose, stamp, MAP_FRAME)
         for topic, make in instant.others.items():
             yield topic, make()
-        for name, (_, stamp) in instant.images.items():
+        for name, picture in instant.images.items():
             view = self.views[name]
             if isinstance(view.camera, Spherical):
                 yield f"{view.prefix}sphere_info", camera_to_sphere_info(view.camera, view.frame_id)
-            elif view.is_told:
-                info = camera_to_info(view.camera, stamp, view.frame_id, baseline=view.baseline_m)
+            else:
+                info = camera_to_info(view.camera, picture.stamp_ns, view.frame_id, baseline=view.baseline_m)
                 yield f"{view.prefix}camera_info", info
-        for name, (at, stamp) in instant.images.items():
-            view = self.views[name]
-            pixels = view.frames.read(at)
-            require_size(view.frames.where(at), pixels, view.camera)
+        for name, picture in instant.images.items():
+            view, pixels = self.views[name], picture.read()
+            require_size(picture.where, pixels, view.camera)
             encoding = "32FC1" if pixels.dtype == np.float32 else "bgr8" if pixels.ndim == 3 else "mono8"
-            yield f"{view.prefix}image_raw", array_to_image(pixels, stamp, view.frame_id, encoding)
+            yield f"{view.prefix}image_raw", array_to_image(pixels, picture.stamp_ns, view.frame_id, encoding)
 
 
-def camera_recording(
-    views: Mapping[str, View], hz: float | None = None, link: str = CAMERA_FRAME, max_gap_ns: int = 0
-) -> Recording:
+def camera_recording(views: Mapping[str, View], link: str = CAMERA_FRAME, max_gap_ns: int = 0) -> Recording:
     """Return the images of cameras, as of `instants_of`; the first of an instant is that of the instant."""
-    found = instants_of({name: view.frames for name, view in views.items()}, hz, max_gap_ns)
-    instants = [Instant(min(stamp for _, stamp in images.values()), images) for images in found]
+    found = instants_of({name: view.frames for name, view in views.items()}, max_gap_ns)
+    instants = [Instant(min(one.stamp_ns for one in images.values()), images) for images in found]
     return Recording(views, instants, link=link)
 
 
-def rig_views(
-    rig: Rig, frames: Mapping[str, Frames], prefix: str = "cameras/{}/", *, is_told: bool = True
-) -> dict[str, View]:
+def rig_views(rig: Rig, frames: Mapping[str, Pictures], prefix: str = "cameras/{}/") -> dict[str, View]:
     """Return the cameras of a rig with their images; prefix: how their topics begin, with {} for the name."""
     optical = [(part, frames[part.name], f"{part.name}_optical") for part in rig.cameras]
     return {
-        part.name: View(prefix.format(part.name), frame, part.camera, images, part.T_rig_camera, is_told=is_told)
+        part.name: View(prefix.format(part.name), frame, part.camera, images, part.T_rig_camera)
         for part, images, frame in optical
     }
 
 
 def pair_views(
-    frames: Sequence[Frames], lenses: Sequence[Camera], T_left_right: SE3, baseline_m: float = 0.0
+    frames: Sequence[Pictures], lenses: Sequence[Camera], T_left_right: SE3, baseline_m: float = 0.0
 ) -> dict[str, View]:
     """Return a stereo pair whose left camera looks along x of its link; T_left_right between optical axes."""
     poses, baselines = (T_BODY_OPTICAL, T_BODY_OPTICAL @ T_left_right), (0.0, baseline_m)

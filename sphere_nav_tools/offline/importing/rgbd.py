@@ -27,7 +27,7 @@ from sphere_nav_tools.offline.importing.files import (
     require_size,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed
 from sphere_nav_tools.offline.importing.recording import (
     OPTICAL_FRAME,
     Recording,
@@ -89,14 +89,14 @@ def open_seven_scenes(
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
         stamp = FIRST_STAMP_NS + round(whole(name.removeprefix("frame-"), str(depth)) * 1e9 / KINECT_HZ)
-        color = next((path for end in ("png", "jpg") if (path := folder / f"{name}.color.{end}").is_file()), None)
+        color = next(folder.glob(f"{name}.color.*"), None)
         if color is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
         colors.append((stamp, color))
         stamped.append((stamp, depth))
         true_poses.append(ahead_up(read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color))
     register = DepthRegistration(depth_camera[0], camera, depth_camera[1])
-    recording = _rgbd(folder, colors, stamped, camera, 1000.0, register)
+    recording = _rgbd(colors, stamped, camera, 1000.0, register)
     return with_truth(recording, "frame-*.pose.txt", true_poses)
 
 
@@ -105,7 +105,7 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
     require_folder(folder)
     if (folder / "img_prev.png").is_file():
         return _tum_pair(folder, camera, depth_units)
-    recording = _rgbd(folder, _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt"), camera, depth_units)
+    recording = _rgbd(_read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt"), camera, depth_units)
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
     return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
@@ -115,7 +115,7 @@ def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
     colors, depths = ([(stamps[n], folder / f"{kind}_{n}.png") for n in stamps] for kind in ("img", "dep"))
     paths = [folder / f"pose_{name}.txt" for name in stamps]
     poses = [pose_of_row(read_numbers(path, 7)[0], path) @ T_BODY_OPTICAL.inverse() for path in paths]
-    return with_truth(_rgbd(folder, colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", poses)
+    return with_truth(_rgbd(colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", poses)
 
 
 def open_openloris(folder: Path) -> Recording:
@@ -130,7 +130,7 @@ def open_openloris(folder: Path) -> Recording:
     if (folder / "groundtruth.txt").is_file():
         base = read_tum(folder / "groundtruth.txt")
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
-    recording = _rgbd(folder, colors, depths, camera, 1000.0)
+    recording = _rgbd(colors, depths, camera, 1000.0)
     recording = replace(recording, T_base_link=T_base_optical @ T_BODY_OPTICAL.inverse())
     return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
@@ -144,11 +144,10 @@ def open_rover(folder: Path, camera: Pinhole) -> Recording:
     inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
     paths = (require_folder(inner / name).glob("*.png") for name in ("rgb", "depth"))
     colors, depths = (sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in found) for found in paths)
-    return _rgbd(inner, colors, depths, camera, 1000.0)
+    return _rgbd(colors, depths, camera, 1000.0)
 
 
 def _rgbd(
-    folder: Path,
     colors: Listed,
     depths: Listed,
     camera: Pinhole,
@@ -162,8 +161,8 @@ def _rgbd(
         require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)
 
-    color = View("", OPTICAL_FRAME, camera, Folder(folder, colors))
-    depth = View("depth/", OPTICAL_FRAME, camera, Folder(folder, depths, read_depth))
+    color = View("", OPTICAL_FRAME, camera, listed(colors))
+    depth = View("depth/", OPTICAL_FRAME, camera, listed(depths, read_depth))
     return camera_recording({"color": color, "depth": depth}, max_gap_ns=MAX_PAIR_GAP_NS)
 
 

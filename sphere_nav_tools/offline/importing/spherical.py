@@ -13,14 +13,13 @@ from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.partial.window import full_width_for
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.files import (
-    pose_of_row,
     read_meters,
-    read_numbers,
     read_pose,
     read_rgb,
     require_folder,
@@ -102,10 +101,10 @@ def _open_equirectangular(folder: Path) -> Recording:
     recording, truth = sphere_recording(_seconds(names), sphere), folder / "poses.tum"
     if not truth.is_file():
         return recording
-    rows = read_numbers(truth, 8)
-    if len(rows) != len(names):
-        raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(rows)}")
-    return with_truth(recording, truth.name, [pose_of_row(row[1:], truth) for row in rows])
+    poses = read_tum(truth).T_map_body.matrix
+    if len(poses) != len(names):
+        raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(poses)}")
+    return with_truth(recording, truth.name, [SE3(matrix) for matrix in poses])
 
 
 def _seconds(names: list[Path]) -> list[int]:

@@ -32,7 +32,7 @@ from sphere_nav_tools.offline.importing.files import (
     trajectory,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed, of_folder
 from sphere_nav_tools.offline.importing.recording import (
     Recording,
     ahead_up,
@@ -82,7 +82,7 @@ def open_kitti(folder: Path) -> Recording:
     times, poses = (_optional(folder / name, n, rows) for name, n in (("times.txt", 1), ("poses.txt", 12)))
     seconds = np.array(rows) / DEFAULT_HZ if times is None else times[:, 0]
     stamps = [FIRST_STAMP_NS + round(float(second) * 1e9) for second in seconds]
-    pair = [Folder(at, [(stamp, at / path.name) for stamp, path in zip(stamps, images, strict=True)]) for at in folders]
+    pair = [listed((stamp, at / path.name) for stamp, path in zip(stamps, images, strict=True)) for at in folders]
     views = pair_views(pair, (camera, camera), SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
     recording = camera_recording(views, max_gap_ns=MAX_PAIR_GAP_NS)
     if poses is None:
@@ -120,7 +120,7 @@ def _stereo(
     folders: Sequence[Path], lenses: Sequence[Camera], T_left_right: SE3, truth: Trajectory | None, name: str
 ) -> Recording:
     """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
-    pair = [Folder(require_folder(at), is_stamped=True) for at in folders]
+    pair = [of_folder(require_folder(at)) for at in folders]
     recording = camera_recording(pair_views(pair, lenses, T_left_right), max_gap_ns=MAX_PAIR_GAP_NS)
     return with_truth_at(recording, name, truth, MAX_TRUTH_GAP_NS)
 

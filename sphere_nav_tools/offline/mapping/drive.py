@@ -1,4 +1,4 @@
-"""A drive that was mapped: its trajectory, the true poses of its bag, where these lay it, and what is told of it."""
+"""A drive that was mapped: its trajectory, where the true poses of its bag lay it, and what is told of it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.estimation.gates import gate, squared_distance
 from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.writer import MapDetails
@@ -22,16 +23,12 @@ from sphere_nav_tools.offline.constants import (
     EDGE_FACTOR,
     MAX_CONTRADICTED,
     MAX_LOST,
-    MIN_WAY_M,
     SURVEY_SIGMA,
 )
-from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
 from sphere_nav_tools.offline.pose_bags import find_topic, read_poses, trajectory_of
 from sphere_nav_tools.offline.registering import REMEDY
-
-FIRST = slice(1)  # the first sphere alone
-NUM_NAMED = 3  # motions that are told by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,18 +73,18 @@ class MappedDrive:
         stamps, poses = zip(*self.mapper.trajectory(), strict=True)
         return trajectory_of(stamps, [T_map_sphere @ T_sphere_pose for T_map_sphere in poses])
 
-    def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
+    def anchor_graph(self, anchor: str, source: Path) -> tuple[SE3, SphereGraph, list[str]]:
         """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of.
 
-        anchor: first, truth or survey, as of `sphere_nav map`. BagError where the truth is asked for and not known.
+        anchor: first, truth or survey, as of `sphere_nav map`; source: the bag. BagError where the truth is asked for
+        and not known.
         """
         graph = self.mapper.graph
         if anchor == "first":
             return SE3.identity(), graph, []
-        T_fitted_map = self.fit(truth) if truth is not None else None
-        if truth is None or T_fitted_map is None:
-            topics = " or ".join(TRUTH_TOPICS)
-            raise BagError(f"{source}: {topics}: expected poses at the stamps of the spheres, found none")
+        truth = read_truth(source)
+        with told_at(source, BagError):
+            T_fitted_map = self.fit(truth)
         graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
         if anchor == "truth":
             return T_fitted_map, graph, []
@@ -96,11 +93,13 @@ class MappedDrive:
         surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
 
-    def fit(self, truth: Truth, spheres: slice = slice(None)) -> SE3 | None:
-        """Return T_truth_map that fits the spheres best, so that no single true pose decides; None without truth."""
-        mine = self.trajectory(is_base=truth.is_base)[spheres]
+    def fit(self, truth: Truth) -> SE3:
+        """Return T_truth_map that fits the spheres best, so that no single true pose decides; ValueError: no truth."""
+        mine = self.trajectory(is_base=truth.is_base)
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
-        return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
+        if not known.any():
+            raise ValueError(f"{' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none")
+        return fit_poses(at.T_map_body, mine.T_map_body[known])
 
     @property
     def loss(self) -> str:
@@ -113,7 +112,7 @@ class MappedDrive:
             f"{REMEDY}, or recorded odometry, would help"
         )
 
-    def summary(self, truth: Truth | None) -> list[str]:
+    def summary(self) -> list[str]:
         """Return what is printed."""
         mapper, placed = self.mapper, self.trajectory(is_base=False)
         lines = [self.recipe.stereo] if self.recipe.stereo else []
@@ -121,28 +120,14 @@ class MappedDrive:
             f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
             f"closed, {placed.distances[-1]:.2f} m"
         )
-        lines += [f"refused: {self.refusal}"] if self.refusal else []
-        if truth is None or self.loss or (T_truth_map := self.fit(truth, FIRST)) is None:
-            return lines
-        estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
-        judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
-        error, turn = judged.report["translation_m"], judged.report["rotation_deg"]
-        end, length = float(judged.errors.translation_m[-1]), judged.report["length_m"]
-        lines.append(
-            f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
-            f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
-        )
-        if length < MIN_WAY_M:
-            return lines
-        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / length:.2f} %)")
-        return lines
+        return lines + [f"refused: {self.refusal}"] * bool(self.refusal)
 
 
-def truth_of(path: Path) -> Truth | None:
-    """Return the true poses of a bag, None where it has none."""
+def read_truth(path: Path) -> Truth:
+    """Return the true poses of a bag; BagError where it has none."""
     with BagReader(path) as bag:
-        topic = find_topic(bag, TRUTH_TOPICS)
-    return Truth(read_poses(path, (topic,)), is_base=topic.endswith("odometry")) if topic else None
+        topic = find_topic(bag, TRUTH_TOPICS) or TRUTH_TOPICS[0]
+    return Truth(read_poses(path, (topic,)), is_base=topic.endswith("odometry"))
 
 
 def fit_poses(theirs: SE3, ours: SE3) -> SE3:
@@ -161,16 +146,16 @@ def move_to_truth(graph: SphereGraph, truth: Trajectory, T_pose_sphere: SE3) -> 
     return graph.with_poses(poses)
 
 
-def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> list[str]:
-    """Compare the aligned edges with the surveyed poses of the same key spheres; return warnings, worst edges by name.
+def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: Path) -> list[str]:
+    """Compare the aligned edges with the surveyed poses of the same key spheres; return warnings, the worst by name.
 
     BagError where most edges contradict the survey: the poses are wrong, of another frame or of other stamps.
     """
-    wrong = sorted(_contradictions(aligned, surveyed), key=lambda pair: pair[0], reverse=True)
+    wrong = list(_contradictions(aligned, surveyed))
     if not wrong:
         return []
-    named = "; ".join(words for _, words in wrong[:NUM_NAMED])
-    what = f"{len(wrong)} of {len(aligned.edges)} motions between key spheres contradict the survey: {named}"
+    worst = max(wrong)[1]
+    what = f"{len(wrong)} of {len(aligned.edges)} motions between key spheres contradict the survey, {worst} at worst"
     if len(wrong) > MAX_CONTRADICTED * len(aligned.edges):
         raise BagError(f"{source}: expected surveyed poses that agree with the images, found {what}")
     return [f"warning: {what}"]

@@ -29,7 +29,7 @@ from sphere_nav.ros.maps.writer import MAP_FRAME, MapWriter, Stored, check_free,
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import Experience
-from sphere_nav_tools.offline.mapping.drive import MappedDrive, truth_of
+from sphere_nav_tools.offline.mapping.drive import MappedDrive
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
 from sphere_nav_tools.offline.mapping.plan import make_recipe
@@ -83,7 +83,7 @@ def finish_map(
     locator: DriveLocator | None,
     workers: Workers,
 ) -> int:
-    """Close loops, join the drive to a map, compare with the truth, complete the map; `mapped`: the drive alone."""
+    """Close loops, join the drive to a map, anchor it, complete the map; `mapped`: the drive alone."""
     mapper, told, known = drive.mapper, list[str](), None if locator is None else locator.base
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
     if not arguments.no_loops:
@@ -95,8 +95,7 @@ def finish_map(
         index, words, new = extend(known, mapper, locator, start, workers.run)
         told, stored = [words], known.stored()
         source, frame = f"{known.info.source} + {source}", known.info.header.frame_id
-    truth = truth_of(arguments.bag)
-    T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
+    T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, arguments.bag)
     origin = known.origin if known is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     T_base_sphere = known.T_base_sphere if known is not None else mapper.T_base_sphere
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
@@ -110,7 +109,7 @@ def finish_map(
             write_tum(path, way, details.map_id)
     size = sum(file.stat().st_size for file in arguments.output.iterdir())
     made = f"map: {arguments.output}, {size / 1e6:.1f} MB; its frame: {origin}"
-    print("\n".join([*drive.summary(truth), *told, *warnings, made]))
+    print("\n".join([*drive.summary(), *told, *warnings, made]))
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0

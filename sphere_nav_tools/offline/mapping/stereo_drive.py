@@ -20,8 +20,6 @@ from sphere_nav_tools.offline.constants import MAX_PAIRS, MAX_WINDOWS
 from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
 from sphere_nav_tools.offline.tables import progress
 
-TERMS = ("", " x^2", " x", " y", " x y", " y^2", " x^3", " x^4")
-
 
 def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoPair | None, str]:
     """Return the pair of a drive with its correction, and that in words; None and nothing where nothing can be said.
@@ -52,9 +50,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
 
 def describe_disparity(found: ColumnFit) -> str:
     """Return what is off in the disparity in words."""
-    terms = " ".join(f"{value:+.2f}{name}" for value, name in zip(found.columns, TERMS, strict=False))
-    deviations = ", ".join(f"{value:.2f}" for value in np.sqrt(np.diag(found.covariance)))
+    value, sigma = found.columns[0], np.sqrt(found.covariance[0, 0])
     return (
-        f"disparity too small by {terms.removeprefix('+')} px (x, y: tangents; deviations {deviations}, "
-        f"from {found.num_tracks} corners), corrected"
+        f"disparity too small by {value:.2f} +- {sigma:.2f} px in the middle, by {found.num_tracks} corners, corrected"
     )

@@ -7,7 +7,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
-from itertools import chain, islice
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from typing import Any, Self
@@ -50,12 +49,9 @@ class Workers:
         return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
-        """Yield the answers to all questions, in order; a lone one is not worth a process."""
-        remaining = iter(questions)
-        first = list(islice(remaining, 2))
-        executor = self.executor if len(first) > 1 else None
-        run = map if executor is None else run_in(executor, self.num_ahead)
-        yield from run(function, chain(first, remaining))
+        """Yield the answers to all questions, in order."""
+        run = map if self.executor is None else run_in(self.executor, self.num_ahead)
+        yield from run(function, questions)
 
     def _lost(self) -> tuple[type[Exception], ...]:
         """Return what is raised where a worker is gone and no other could do its work."""

@@ -1,4 +1,4 @@
-"""The command: its table, its exit status, one line for every error; how arguments are declared, NAME=VALUE."""
+"""The command: its table, its exit status, one line for every error; what is written, NAME=VALUE."""
 
 import argparse
 import types
@@ -11,7 +11,7 @@ import pytest
 from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli import warm_up
 from sphere_nav_tools.cli.main import COMMANDS, main
-from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings, choose, flag
+from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings
 
 
 @pytest.fixture
@@ -140,22 +140,3 @@ def test_a_package_whose_kernels_do_not_compile_is_not_passed_over(monkeypatch):
     monkeypatch.setattr(warm_up, "PARTS", (partial(float, "none"),))
     with pytest.raises(ValueError, match="none"):
         warm_up.main()
-
-
-def declared(*words):
-    parser = argparse.ArgumentParser(exit_on_error=False)
-    add(parser, "bag", "BAG", "a recording", Path)
-    add(parser, "--rate", "X", "speed (%(default)g)", float, default=1.0)
-    flag(parser, "--clock", "publish /clock")
-    choose(parser, "--align", ("none", "poses"), "how (%(default)s)", "none")
-    return parser.parse_args(words), parser.format_help()
-
-
-def test_arguments_have_their_type_their_default_and_help():
-    given, told = declared("drive", "--rate", "0.5", "--align", "poses")
-    assert vars(given) == {"bag": Path("drive"), "rate": 0.5, "clock": False, "align": "poses"}
-    assert vars(declared("drive", "--clock")[0]) == {"bag": Path("drive"), "rate": 1.0, "clock": True, "align": "none"}
-    for words in ("BAG", "a recording", "--rate X", "speed (1)", "publish /clock", "how (none)"):
-        assert words in told
-    with pytest.raises(argparse.ArgumentError, match="--align: invalid choice"):
-        declared("drive", "--align", "scale")

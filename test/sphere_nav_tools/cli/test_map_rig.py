@@ -10,6 +10,7 @@ from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, se3_to_odometry, se3_to_transform
@@ -55,11 +56,11 @@ def drive(tmp_path_factory):
 @pytest.mark.slow
 def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
     words = ("map", drive / "bag", "-o", tmp_path / "m", "--rig", drive / "rig.yaml", "--anchor", "truth", *SETTINGS)
-    assert call(*words) == 0
-    said = capsys.readouterr().out
-    assert f"{NUM_INSTANTS} spheres placed, 0 lost" in said
-    drift = float(said.split("drift at the end: ")[1].split(" mm")[0])
-    assert drift < 60  # a pixel is 1.4 degrees, of walls about 5 m away 120 mm; a tenth of that each step would be good
+    assert call(*words, "--taught", tmp_path / "t.tum") == 0
+    assert f"{NUM_INSTANTS} spheres placed, 0 lost" in capsys.readouterr().out
+    way = read_tum(tmp_path / "t.tum").distances[-1]
+    # a pixel is 1.4 degrees, of walls about 5 m away 120 mm; a tenth of that each step would be good
+    assert way == pytest.approx((NUM_INSTANTS - 1) * WAY, abs=0.06)
     with open_map(tmp_path / "m") as reader:
         sphere = reader.load_sphere(0)
         assert sphere.image.shape == (128, 256, 3)

@@ -85,7 +85,7 @@ def test_a_drive_is_localised_anew_while_the_lens_changes_by_two_pixels(monkeypa
         RecordedDrive, "_localize", lambda *_: Trajectory(np.empty(0, np.int64), SE3(np.empty((0, 4, 4))))
     )
     monkeypatch.setattr(RecordedDrive, "_collect", lambda *_: ())
-    RecordedDrive(SimpleNamespace(source="", readout=0.0, settings={})).refine(None)
+    RecordedDrive(SimpleNamespace(source="", settings={})).refine(None)
     assert [lens.readout for lens in lenses] == [0.01 * k for k in range(num_rounds)]
 
 

@@ -101,7 +101,6 @@ def network():
 
 
 def test_a_network_in_lines(network):
-    """A Cycab, 1.2 m between the axles and 0.45 rad of steering, drives circles of 2.48 m."""
     assert describe(network) == [
         "4 nodes, 3 edges, 14.9 m, map unknown",
         "edge  from  to  length  speed  driven",
@@ -110,7 +109,6 @@ def test_a_network_in_lines(network):
         "   7     2   4  2.6     -      forward",
         "place barn: node 1",
         "place gate: node 3",
-        "edge 6: bends to 2.3 m radius; a Cycab cannot turn tighter than 2.5",
     ]
 
 

@@ -15,7 +15,7 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, add_arguments, has_ended, new_folder, verdict
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
-from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from, drive_errors, exaggerate
+from sphere_nav_tools.cli.demo.report import DriveErrors, _in_motion, distances_from, drive_errors, exaggerate
 
 SECOND = 10**9
 
@@ -142,12 +142,6 @@ def test_a_drive_beside_the_path_is_told_by_its_distance(tmp_path):
     assert errors.share_driven > 0.99
 
 
-def test_only_the_part_in_motion_counts():
-    """Slower than 5 cm/s is standing, whatever the rate of the truth."""
-    x = np.concatenate([np.arange(5) * 0.004, 0.016 + np.arange(1, 6) * 0.006, 0.046 + np.arange(1, 4) * 0.004])
-    matrices = np.stack([SE3.from_planar(value, 0.0, 0.0).matrix for value in x])
-    whole = Trajectory(SECOND + np.arange(len(x)) * SECOND // 10, SE3(matrices))  # 0.04, 0.06 and 0.04 m/s
-    found = _crop_to_motion(whole)
-    np.testing.assert_allclose(found.positions[[0, -1], 0], [0.016, 0.046], atol=1e-9)
-    with pytest.raises(ValueError, match="found one that stands"):
-        _crop_to_motion(whole[:5])
+def test_only_poses_in_motion_count():
+    found = _in_motion(drive([[x, 0.0] for x in (0, 0, 0, 1, 2, 2, 3, 3)], np.zeros(8)))
+    assert found.positions[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]

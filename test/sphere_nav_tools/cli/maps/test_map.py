@@ -67,7 +67,6 @@ def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path,
     assert call("map", bags[kind], "-o", tmp_path / "m", "--anchor", "truth", "--trajectory", tmp_path / "t.tum") == 0
     said = capsys.readouterr().out
     assert f"{NUM_FRAMES} spheres placed, 0 lost" in said
-    assert "drift at the end" in said
     poses = read_tum(tmp_path / "t.tum")
     for number in range(NUM_FRAMES):
         assert poses.T_map_body[number].distance(pose(number))[0] < limit
@@ -138,15 +137,12 @@ def test_exported_points_lie_on_the_walls(room_map, tmp_path):
     assert call("map-export", room_map, "-o", tmp_path / "room.ply", "--step", 8) == 0
     data = (tmp_path / "room.ply").read_bytes()
     head, _, body = data.partition(b"end_header\n")
-    kind = [("xyz", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)]
+    kind = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
     points = np.frombuffer(body, kind)
     assert f"element vertex {len(points)}".encode() in head
     assert len(points) > 300
     on_wall = np.max(np.abs(points["xyz"]) / ROOM.half, axis=1)  # the map frame is that of the truth, the room's
     assert np.percentile(np.abs(on_wall - 1), 95) < 0.02
-    wall = np.argmax(np.abs(points["xyz"]) / ROOM.half, axis=1)
-    inward = -np.take_along_axis(points["normal"] * np.sign(points["xyz"]), wall[:, None], axis=1)[:, 0]
-    assert np.median(inward) > 0.99
     read, _ = read_ply(tmp_path / "room.ply")  # the reader of mcl_depth
     np.testing.assert_array_equal(read.astype(np.float32), points["xyz"])
 

@@ -1,7 +1,5 @@
 """Names of image files, which images are of one instant, and where cameras of a recording sit."""
 
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import pytest
@@ -11,7 +9,15 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.conversions import transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.files import read_stamped
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, Folder, instants_of, open_frames, stamp_of
+from sphere_nav_tools.offline.importing.frames import (
+    FIRST_STAMP_NS,
+    Picture,
+    even_stamps,
+    instants_of,
+    of_folder,
+    open_frames,
+    stamp_of,
+)
 from sphere_nav_tools.offline.importing.images import open_images
 from sphere_nav_tools.offline.importing.recording import SIDES
 from sphere_nav_tools.offline.importing.rgbd import open_tum
@@ -57,50 +63,49 @@ def test_files_come_by_their_last_number_and_not_by_their_letters(tmp_path):
     for name in ("b2_10.png", "a3_9.PNG", "c1_100.jpg", "x.png"):
         write(tmp_path / name)
     (tmp_path / "notes.txt").write_text("no image")
-    folder = Folder(tmp_path)
-    assert [file.name for file in folder.files] == ["x.png", "a3_9.PNG", "b2_10.png", "c1_100.jpg"]
-    assert (folder.number, folder.stamps) == (4, None)
+    found = of_folder(tmp_path)
+    assert [one.where.name for one in found] == ["x.png", "a3_9.PNG", "b2_10.png", "c1_100.jpg"]
+    assert [one.stamp_ns for one in found] == even_stamps(4, 10.0)
 
 
 def test_names_are_stamps_only_where_all_are_and_none_twice(tmp_path):
     for name in ("1403636579000000000", "1403636579500000000"):
         write(tmp_path / f"{name}.png")
-    assert Folder(tmp_path).stamps == [1403636579000000000, 1403636579500000000]
+    assert [one.stamp_ns for one in of_folder(tmp_path)] == [1403636579000000000, 1403636579500000000]
     write(tmp_path / "1403636579500000000.jpg")
     with pytest.raises(ValueError, match="expected names that are rising times, found some that are equal"):
-        Folder(tmp_path)
+        of_folder(tmp_path)
     write(tmp_path / "7.png")
-    assert Folder(tmp_path).stamps is None
+    assert [one.stamp_ns for one in of_folder(tmp_path)] == even_stamps(4, 10.0)
 
 
 def test_a_folder_of_that_name_is_found(tmp_path):
     write(tmp_path / "front" / "1.png")
-    assert open_frames(tmp_path, "front").number == 1
+    assert len(open_frames(tmp_path, "front")) == 1
     with pytest.raises(ValueError, match=r"expected a folder rear of images or a video rear\.mp4, found front"):
         open_frames(tmp_path, "rear")
 
 
-def frames(number=3, stamps=None, hz=0.0):
-    return SimpleNamespace(number=number, stamps=stamps, hz=hz, path="p", read=lambda index: None)
+def pictures(stamps):
+    return [Picture(stamp, f"image {index}", None) for index, stamp in enumerate(stamps)]
 
 
-def test_without_stamps_a_rate_counts():
-    for hz, own, step_ns in [(None, 0.0, 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]:
-        found = instants_of({"a": frames(hz=own), "b": frames()}, hz)
-        assert [part["a"] for part in found] == [(k, FIRST_STAMP_NS + k * step_ns) for k in range(3)]
-        assert all(part["a"] == part["b"] for part in found)
-        with pytest.raises(ValueError, match="p: expected 3 images as of a, found 4 of b"):
-            instants_of({"a": frames(), "b": frames(4)}, hz)
+def test_without_stamps_images_of_one_number_are_one_instant():
+    cameras = {name: pictures(even_stamps(3, 25.0)) for name in "ab"}
+    assert [one.stamp_ns for one in cameras["a"]] == [FIRST_STAMP_NS + k * 40_000_000 for k in range(3)]
+    assert instants_of(cameras) == [{"a": one, "b": one} for one in cameras["a"]]
+    with pytest.raises(ValueError, match="image 0: expected 3 images as of a, found 4 of b"):
+        instants_of({"a": cameras["a"], "b": pictures(even_stamps(4, 25.0))})
 
 
 def test_with_stamps_an_image_belongs_to_the_nearest_within_half_a_period():
     first = [0, 100, 200, 300]
     second = [49, 51, 149, 152, 230, 349, 351]
-    found = instants_of({"a": frames(4, first), "b": frames(7, second)}, 999.0)
-    assert [part["a"] for part in found] == list(enumerate(first))
-    assert [part.get("b") for part in found] == [(0, 49), (1, 51), (4, 230), (5, 349)]
-    alone = instants_of({"a": frames(1, [5 * SECOND]), "b": frames(2, [5 * SECOND + 49_000_000, 9 * SECOND])}, None)
-    assert alone == [{"a": (0, 5 * SECOND), "b": (0, 5 * SECOND + 49_000_000)}]
+    found = instants_of({"a": pictures(first), "b": pictures(second)})
+    assert [part["a"].stamp_ns for part in found] == first
+    assert [part["b"].stamp_ns for part in found] == [49, 51, 230, 349]
+    a, b = pictures([5 * SECOND]), pictures([5 * SECOND + 49_000_000, 9 * SECOND])
+    assert instants_of({"a": a, "b": b}) == [{"a": a[0], "b": b[0]}]
 
 
 def transforms(recording):
@@ -129,7 +134,7 @@ def test_cameras_sit_where_their_rig_says(tmp_path):
     np.testing.assert_allclose(pair["camera_link", "right_optical"].matrix, poses["right"].matrix, atol=1e-12)
     assert set(found("left", parts[0])) == {("base_link", "camera_link"), ("camera_link", "camera_optical")}
     ring = found("", *(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear")))
-    assert set(ring) == {("base_link", "rig_link")}
+    assert set(ring) == {("base_link", "rig_link"), ("rig_link", "front_optical"), ("rig_link", "rear_optical")}
     np.testing.assert_array_equal(ring["base_link", "rig_link"].matrix, np.eye(4))
 
 

@@ -93,7 +93,7 @@ def test_a_folder_that_is_no_bag_is_named_with_its_command(capsys, tmp_path):
     assert "phone_bag --camera 320,320,159.5,119.5" in printed
     assert call("inspect", tmp_path / "empty") == 2
     assert call("import", "images", tmp_path / "phone", "-o", tmp_path / "bag", "--panorama") == 2
-    assert "phone: expected 2 H x H pixels of a whole sphere, found 320 x 240" in capsys.readouterr().err
+    assert "phone/1.png: expected 2 H x H pixels of a whole sphere, found 320 x 240" in capsys.readouterr().err
 
 
 def test_panoramas_one_above_the_other_become_spheres_with_range(tmp_path):
@@ -110,7 +110,7 @@ def test_panoramas_one_above_the_other_become_spheres_with_range(tmp_path):
     assert np.isfinite(error).mean() > 0.8
     assert np.nanmedian(error) < 0.02
     write(folder / "bottom" / f"{1403636579000000000}.png", np.full((64, 128), 9, np.uint8))
-    with pytest.raises(ValueError, match="bottom: expected 256 x 128 pixels, found 128 x 64"):
+    with pytest.raises(ValueError, match=r"bottom/\d+\.png: expected 256 x 128 pixels, found 128 x 64"):
         dict(recording.frame(0))
     (folder / "bottom" / f"{1403636579000000000}.png").rename(folder / "bottom" / f"{1403636580000000000}.png")
     with pytest.raises(ValueError, match="expected pairs of one time in top and bottom, found none"):
