@@ -34,6 +34,7 @@ TOKEN_VARIABLE = "SPHERE_NAV_TOKEN"
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "[::1]"))
 ANYWHERE = ("0.0.0.0", "::")
 HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^\[\]:@/\s]+)(:\d{1,5})?")
+FOREIGN_SITES = ("cross-site", "same-site")  # another port is another page, too
 Refusal = tuple[HTTPStatus, str]
 
 
@@ -73,11 +74,13 @@ class Gate:
 
     def judge(self, guess: bytes, headers: Any, here: str) -> Refusal | None:
         """Return why a request is refused; None: it is not. `here`: the address of ours that it has reached."""
-        hosts = headers.get_all("Host")
+        hosts, sites = headers.get_all("Host"), headers.get_all("Sec-Fetch-Site")
         if len(hosts) != 1 or not self._is_own(hosts[0].lower(), here):
             return HTTPStatus.FORBIDDEN, "Host: not a name of this page: use the printed link."
         own = (f"http://{hosts[0].lower()}", f"https://{hosts[0].lower()}")
-        if any(origin.lower() not in own for origin in headers.get_all("Origin")):
+        is_document = headers.get_all("Sec-Fetch-Dest") == ["document"]  # a link that was followed
+        is_foreign = any(site in FOREIGN_SITES for site in sites) and not is_document
+        if is_foreign or any(origin.lower() not in own for origin in headers.get_all("Origin")):
             return HTTPStatus.FORBIDDEN, "Origin: asked for by another page."
         if not hmac.compare_digest(guess, self._token):
             return HTTPStatus.FORBIDDEN, "This page needs its token: use the printed link."

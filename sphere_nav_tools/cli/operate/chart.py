@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav_tools.cli.gate import browser_pose
 from sphere_nav_tools.cli.operate.words import Heard, ellipse, pieces, round_length
 
 COLORS = {
     "path": (120, 140, 170),
-    "vehicle": (30, 110, 230),  # red is left to what is wrong
+    "ahead": (30, 110, 230),  # and the vehicle; red is left to what is wrong
     "trail": (220, 120, 30),
     "spheres": (150, 150, 150),  # and a vehicle whose pose is old
     "place": (20, 130, 60),
@@ -21,7 +21,7 @@ COLORS = {
 }
 BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
 BEGIN = (0.0, -0.5, 25.0)  # of the view at first, m: from above, y up
-SHOWN = {"path": "path", "vehicle": "vehicle", "trail": "driven", "place": "place", "mark": "clicked"}
+SHOWN = {"path": "path", "ahead": "vehicle, way ahead", "trail": "driven", "place": "place", "mark": "clicked"}
 LEGEND = " ".join(f'<span><b style="color:rgb{COLORS[name]}">&#9644;</b>{text}</span>' for name, text in SHOWN.items())
 CALM, GLIDE = 0.02, 0.3  # share of the height that a step has at least; of the way back to the vehicle in a step
 
@@ -38,8 +38,9 @@ class Chart:
 
     def show(self, seen: Heard, is_followed: bool) -> None:
         """Draw what is new, and let the view follow the vehicle, where that is wished."""
-        driven = seen.told(f"way by {seen.placed}")[0]
-        self.draw("path", seen.told("path")[0], COLORS["path"], 0.02)
+        path, driven = seen.told("path")[0], seen.told(f"way by {seen.placed}")[0]
+        self.draw("path", path, COLORS["path"], 0.02)
+        self.draw("ahead", way_ahead(path, seen.told("follower")[0]), COLORS["ahead"], 0.06, 6.0)
         self.draw("driven", driven, COLORS["trail"], 0.2)  # well above: from far away depths of a browser are coarse
         self._show_spheres(seen.told("spheres")[0])
         self._show_places(seen)
@@ -47,12 +48,12 @@ class Chart:
         if driven and is_followed:
             self._glide_to(driven[-1])
 
-    def draw(self, name: str, points: Any, color: tuple[int, ...], height: float) -> None:
+    def draw(self, name: str, points: Any, color: tuple[int, ...], height: float, width: float = 3.0) -> None:
         """Draw a line, where it is another one than the last time, by half metres."""
         if points is not None and len(points) > 1:
             ends = np.round(2.0 * np.array([points[0], points[-1]])).tolist()
             if self._is_new(name, ends):
-                self._lines(name, pieces(points, height), color, 3.0)
+                self._lines(name, pieces(points, height), color, width)
 
     def _lines(self, name: str, points: Any, color: tuple[int, ...], width: float) -> Any:
         return self.client.scene.add_line_segments(
@@ -66,12 +67,16 @@ class Chart:
             self._lines(f"{name}_to", pieces([begin, *end], 0.7), COLORS["mark"], 4.0)
 
     def scale(self) -> str:
-        """Return the scale of what is seen, and a legend, as HTML."""
+        """Return the scale of what is seen, where y of the map points, and a legend, as HTML."""
         camera = self.client.camera
         height = max(float(np.linalg.norm(np.subtract(camera.position, camera.look_at))), 0.1)
         metres_a_pixel = 2.0 * height * math.tan(0.5 * camera.fov) / max(camera.image_height, 1.0)
         length = round_length(120.0 * metres_a_pixel)
-        bar = f'<i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m'
+        right, down = browser_pose(camera).rotation[1, :2]  # y of the map in the view
+        turn = math.degrees(math.atan2(right, -down))
+        arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn:.0f})">'
+        arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="currentColor"/></g></svg>'
+        bar = f'<i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y'
         return f'<div class="sn-scale">{bar}<div>{LEGEND}</div></div>'
 
     def _glide_to(self, goal: Array) -> None:
@@ -104,7 +109,7 @@ class Chart:
         if pose is None:
             return
         x, y, yaw, covariance = pose
-        color, scene = COLORS["vehicle" if age < 1.0 else "spheres"], self.client.scene
+        color, scene = COLORS["ahead" if age < 1.0 else "spheres"], self.client.scene
         if self._is_new("car", color):
             front = (0.6, 0.0, 0.5 * BODY_M[2])  # the base is the rear axle
             self._car = scene.add_frame("/car", show_axes=False)
@@ -120,6 +125,14 @@ class Chart:
         """Whether what is to be drawn is another one than the last time."""
         is_new, self._drawn[name] = self._drawn.get(name) != mark, mark
         return is_new
+
+
+def way_ahead(path: Any, status: Any) -> Any:
+    """Return the points of a path that are still to be driven; None without one."""
+    if path is None or status is None or len(path) < 2:
+        return None
+    arc = arc_lengths(path)
+    return path[min(int(np.searchsorted(arc, status.progress)), len(path) - 2) :]
 
 
 def ground_point(origin: Any, direction: Any) -> Array | None:

@@ -14,6 +14,7 @@ STYLE = """
 .sn-scale {position:fixed; z-index:800; left:12px; bottom:104px; font-size:13px; font-weight:600; padding:2px 8px;
   background:var(--mantine-color-body); border-radius:6px}
 .sn-scale i {display:inline-block; height:6px; border:2px solid currentColor; border-top:0; margin-right:6px}
+.sn-scale svg {vertical-align:middle; margin-left:10px}
 .sn-scale span {white-space:nowrap}
 .sn-log {max-height:11em; overflow-y:auto}
 .sn-refused {margin:0 1em 0.6em; padding:6px 10px; border:2px solid #c92a2a; border-radius:6px; font-weight:600}

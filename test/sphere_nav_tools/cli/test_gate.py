@@ -22,7 +22,7 @@ class Headers(dict):
 
 
 def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.1", **more):
-    headers = Headers({"Host": host} | more)
+    headers = Headers({"Host": host} | {name.replace("_", "-"): value for name, value in more.items()})
     return Gate(served, TOKEN).judge(guess.encode(), headers, here)
 
 
@@ -50,12 +50,15 @@ def test_in_a_network_the_address_that_was_reached_and_the_name_of_the_machine_a
             assert judge(host, served=served, here=HERE) is not None, host
 
 
-def test_another_page_is_refused_with_the_right_token():
+def test_another_page_is_refused_with_the_right_token_also_where_it_names_no_origin():
     for origin in [
         *("http://evil.example", "http://localhost:9999", "http://localhost", "http://127.0.0.1:8081", "null", ""),
         *("ftp://localhost:8081", "http://localhost:8081.evil.example", "http://localhost:8081/x"),
     ]:
         assert judge("localhost:8081", Origin=origin)[1].startswith("Origin: ")
+    for site, is_in in (("none", True), ("same-origin", True), ("same-site", False), ("cross-site", False)):
+        assert (judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="image") is None) == is_in
+        assert judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="document") is None  # a link in a mail
 
 
 def test_only_the_token_lets_in():

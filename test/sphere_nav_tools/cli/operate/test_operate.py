@@ -15,7 +15,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import words
-from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point
+from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
@@ -221,7 +221,7 @@ def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     assert chart._car.position == pytest.approx((5.0, 3.0, 0.0))
     assert chart._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
     (body,) = (values for kind, _, values in chart.client.scene.added if kind == "box")
-    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["vehicle"])
+    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["ahead"])
     assert body["position"] == pytest.approx((0.6, 0.0, 0.3))
     (outline,) = (values for _, name, values in chart.client.scene.added if name == "/covariance")
     low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
@@ -232,17 +232,25 @@ def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     assert chart._car.position == chart._doubt.position == pytest.approx((6.0, 3.0, 0.0))
     chart._show_car((6.0, 3.0, 0.0, covariance), 1.1)
     boxes = [values["color"] for kind, _, values in chart.client.scene.added if kind == "box"]
-    assert boxes == [COLORS["vehicle"], COLORS["spheres"]]
+    assert boxes == [COLORS["ahead"], COLORS["spheres"]]
     chart._show_car(None, np.inf)
     assert len([kind for kind, *_ in chart.client.scene.added if kind == "box"]) == 2
 
 
-def test_the_scale_is_of_a_round_length(chart):
+def test_the_way_ahead_begins_where_the_vehicle_is():
+    path = np.column_stack([np.arange(11.0), np.zeros(11)])
+    assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
+    assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
+    assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
+
+
+def test_the_scale_is_of_a_round_length_and_its_arrow_points_to_y(chart):
     camera = chart.client.camera
     camera.fov, camera.image_height = 1.2, 800
-    assert '<i style="width:117px"></i>5 m' in chart.scale()  # 0.0428 m a pixel, 25 m above
-    camera.position = (0.0, 0.0, 50.0)
-    assert '<i style="width:117px"></i>10 m' in chart.scale()
+    assert '<i style="width:117px"></i>5 m ' in chart.scale()  # 0.0428 m a pixel, 25 m above
+    camera.wxyz, camera.position = (0.0, np.cos(0.25), np.sin(0.25), 0.0), (0.0, 0.0, 50.0)  # turned left by 0.5
+    assert '<i style="width:117px"></i>10 m ' in chart.scale()
+    assert "rotate(29)" in chart.scale()  # to the right of up
 
 
 def test_a_click_is_where_its_ray_meets_the_ground():
