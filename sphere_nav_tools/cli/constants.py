@@ -16,7 +16,9 @@ NO_IMAGE_S, RATE_S = 3.0, 2.0  # without an image while a drive is recorded; ove
 SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; of a navigator, which says it less often
 
 # Who is let in to a page (test_gate)
-MIN_TOKEN = 16  # characters: more than anybody guesses over a network
+MIN_TOKEN = 8  # characters
+MAX_GUESSES, GUESS_S = 10, 1.0  # wrong tokens of one visitor at once; s until one more is looked at
+MAX_VISITORS, MAX_KNOWN = 1000, 1000  # whose guesses are counted; wrong tokens that are remembered
 MAX_OUTSIDE = 64  # connections that are not admitted
 
 # A demonstration, and whether it goes on (demo/test_demo, demo/test_watch)

@@ -16,6 +16,8 @@ import re
 import secrets
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from http import HTTPStatus
@@ -25,7 +27,14 @@ from typing import Any, NamedTuple
 from urllib.parse import quote, unquote_to_bytes
 
 from sphere_nav.geometry import SE3
-from sphere_nav_tools.cli.constants import MAX_OUTSIDE, MIN_TOKEN
+from sphere_nav_tools.cli.constants import (
+    GUESS_S,
+    MAX_GUESSES,
+    MAX_KNOWN,
+    MAX_OUTSIDE,
+    MAX_VISITORS,
+    MIN_TOKEN,
+)
 from sphere_nav_tools.offline.settings import add
 
 PORTS = {"view": 8080, "operate": 8081}
@@ -60,11 +69,14 @@ class Gate:
         self._acts = acts
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
+        self._paid_at: dict[str, float] = {}  # by network: when its wrong tokens are forgotten, one each GUESS_S
+        self._known = deque[int](maxlen=MAX_KNOWN)  # wrong ones: an old page that reconnects is no new guess
 
     def admit(self, connection: Any, request: Any) -> Any:
         """Return the answer that refuses a request; None where it goes on, the token taken off its path."""
         begin, _, rest = request.path.partition("?")[0].removeprefix("/").partition("/")
-        refusal = self.judge(unquote_to_bytes(begin), request.headers, connection.local_address[0])
+        here, visitor = connection.local_address[0], connection.remote_address[0]
+        refusal = self.judge(unquote_to_bytes(begin), request.headers, here, visitor)
         if refusal is not None:
             return connection.respond(refusal[0], f"{refusal[1]}\n")
         connection.is_admitted, request.path = True, f"/{rest}"
@@ -72,7 +84,7 @@ class Gate:
             return connection.respond(HTTPStatus.OK, self._acts[rest]())
         return None
 
-    def judge(self, guess: bytes, headers: Any, here: str) -> Refusal | None:
+    def judge(self, guess: bytes, headers: Any, here: str, visitor: str) -> Refusal | None:
         """Return why a request is refused; None: it is not. `here`: the address of ours that it has reached."""
         hosts, sites = headers.get_all("Host"), headers.get_all("Sec-Fetch-Site")
         if len(hosts) != 1 or not self._is_own(hosts[0].lower(), here):
@@ -82,14 +94,29 @@ class Gate:
         is_foreign = any(site in FOREIGN_SITES for site in sites) and not is_document
         if is_foreign or any(origin.lower() not in own for origin in headers.get_all("Origin")):
             return HTTPStatus.FORBIDDEN, "Origin: asked for by another page."
-        if not hmac.compare_digest(guess, self._token):
-            return HTTPStatus.FORBIDDEN, "This page needs its token: use the printed link."
-        return None
+        return self._judge_token(guess, network_of(visitor))
 
     def _is_own(self, host: str, here: str) -> bool:
         """Whether a host is ours, at any port: one end of a tunnel may have another."""
         found = HOST.fullmatch(host)
         return found is not None and (found[1] in self._names or found[1] == bracketed(here))
+
+    def _judge_token(self, guess: bytes, visitor: str) -> Refusal | None:
+        refusal = HTTPStatus.FORBIDDEN, "This page needs its token: use the printed link."
+        known = hash((visitor, guess))
+        if not guess or known in self._known:
+            return refusal
+        now = time.monotonic()
+        paid_at = max(self._paid_at.get(visitor, now), now)
+        if paid_at - now > (MAX_GUESSES - 1) * GUESS_S:
+            return HTTPStatus.TOO_MANY_REQUESTS, f"Too many wrong tokens from here: wait {MAX_GUESSES * GUESS_S:g} s."
+        if hmac.compare_digest(guess, self._token):
+            return None
+        if visitor not in self._paid_at and len(self._paid_at) >= MAX_VISITORS:
+            self._paid_at.pop(next(iter(self._paid_at)))
+        self._paid_at[visitor] = paid_at + GUESS_S
+        self._known.append(known)
+        return refusal
 
 
 def own_names(host: str) -> frozenset[str]:
@@ -104,6 +131,11 @@ def own_names(host: str) -> frozenset[str]:
 def bracketed(host: str) -> str:
     """Return an address as it stands in a link."""
     return f"[{host.partition('%')[0]}]" if ":" in host else host
+
+
+def network_of(address: str) -> str:
+    """Return whose guesses are counted together: an IPv4 address, a /64 of IPv6."""
+    return str(ipaddress.ip_network((address.partition("%")[0], 64 if ":" in address else 32), strict=False))
 
 
 def add_options(parser: argparse.ArgumentParser, command: str) -> None:

@@ -1,4 +1,4 @@
-"""The gate before the pages: host, origin, token; over real sockets before a real viser."""
+"""The gate before the pages: host, origin, token, guesses; over real sockets before a real viser."""
 
 import argparse
 import socket
@@ -8,7 +8,7 @@ from http import HTTPStatus
 import pytest
 
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.constants import MAX_OUTSIDE
+from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE
 from sphere_nav_tools.cli.gate import Address, Gate, make_server, token_for
 
 TOKEN = "a token of the yard"
@@ -21,9 +21,9 @@ class Headers(dict):
         return [value for name, value in self.items() if name.strip() == key]
 
 
-def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.1", **more):
+def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.1", visitor="127.0.0.1", **more):
     headers = Headers({"Host": host} | {name.replace("_", "-"): value for name, value in more.items()})
-    return Gate(served, TOKEN).judge(guess.encode(), headers, here)
+    return Gate(served, TOKEN).judge(guess.encode(), headers, here, visitor)
 
 
 def test_this_machine_by_its_names_is_let_in_at_any_end_of_a_tunnel():
@@ -67,15 +67,52 @@ def test_only_the_token_lets_in():
         assert (status, text[:24]) == (HTTPStatus.FORBIDDEN, "This page needs its toke")
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(gate.time, "monotonic", lambda: now[0])
+    return now
+
+
+def guesser(doors):
+    def guess(word, visitor="10.0.0.9"):
+        refusal = doors.judge(word.encode(), Headers({"Host": "localhost"}), "127.0.0.1", visitor)
+        return None if refusal is None else refusal[0]
+
+    return guess
+
+
+def test_guesses_are_limited_for_who_guesses_and_for_nobody_else(clock):
+    guess = guesser(Gate("127.0.0.1", TOKEN))
+    found = [guess(f"guess {k}") for k in range(100)]
+    assert found[:MAX_GUESSES] == [HTTPStatus.FORBIDDEN] * MAX_GUESSES
+    assert set(found[MAX_GUESSES:]) == {HTTPStatus.TOO_MANY_REQUESTS}
+    assert guess(TOKEN) == HTTPStatus.TOO_MANY_REQUESTS  # he must not learn that he has found it
+    assert guess(TOKEN, "10.0.0.8") is None
+    clock[0] += 1.0
+    assert guess(TOKEN) is None
+    assert guess("guess 100") == HTTPStatus.FORBIDDEN
+    assert guess("guess 101") == HTTPStatus.TOO_MANY_REQUESTS
+    clock[0] += 1000.0
+    assert [guess(f"later {k}") for k in range(20)].count(HTTPStatus.FORBIDDEN) == MAX_GUESSES
+
+
+def test_an_old_page_that_reconnects_shuts_nobody_out(clock):
+    guess = guesser(Gate("127.0.0.1", TOKEN))
+    assert {guess("the token of yesterday") for _ in range(1000)} == {HTTPStatus.FORBIDDEN}
+    assert {guess("") for _ in range(1000)} == {HTTPStatus.FORBIDDEN}  # nothing is guessed
+    assert guess(TOKEN) is None
+
+
 def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
     monkeypatch.delenv(gate.TOKEN_VARIABLE, raising=False)
     first, second = token_for(""), token_for("")
     assert first != second
     assert min(len(first), len(second)) >= 20
     monkeypatch.setenv(gate.TOKEN_VARIABLE, "of the environment")
-    assert (token_for(""), token_for("a given long one")) == ("of the environment", "a given long one")
-    with pytest.raises(ValueError, match="--token: expected 16 characters or more, found 15"):
-        token_for("not long enough")
+    assert (token_for(""), token_for("a long one")) == ("of the environment", "a long one")
+    with pytest.raises(ValueError, match="--token: expected 8 characters or more, found 5"):
+        token_for("short")
 
 
 def test_a_printed_link_leads_to_the_machine(monkeypatch):
@@ -138,7 +175,7 @@ def test_page_and_socket_are_served_to_who_has_the_token(served):
 
 def test_all_else_is_refused_before_the_handshake(served):
     for path in ("/", "/index.html", "/wrong", "//", f"/x{LINK}", f"/..{LINK}", "/?token=" + LINK[1:]):
-        assert ask(served, path)[0] == 403, path
+        assert ask(served, path)[0] in (403, 429), path
     assert ask(served, LINK, "evil.example:8990") == (403, b"Host: not a name of this page: use the printed link.\n")
     assert ask(served, LINK, None, "Host: evil.example")[0] == 403
     assert ask(served, LINK, None, "Origin: http://127.0.0.1:9999")[0] == 403
