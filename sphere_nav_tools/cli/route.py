@@ -39,7 +39,7 @@ examples:
   sphere_nav route build maps/campus drives/*.tum --dry-run --plot campus.png
   sphere_nav route build maps/campus drives/*.tum
   sphere_nav route name gate maps/campus --at 41.5,60
-  sphere_nav route plan maps/campus home gate
+  sphere_nav route plan maps/campus home gate --closed 12
   sphere_nav route export maps/campus -o way.csv --from home --to gate
 """
 
@@ -74,6 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(export, "FILE", ".geojson or .csv", (".geojson", ".csv"))
     add(export, "--from", "PLACE", ".csv: begin of the way", dest="start")
     add(export, "--to", "PLACE", ".csv: end of the way", dest="goal")
+    for word in (way, export):
+        add(word, "--closed", "N,N", "edges that are not driven", floats("N,N", 1, 1000), default=())
+        add(word, "--cruise", "M/S", "largest speed (%(default)s)", float, default=routes.CRUISE)
     for word in (build, look, way):
         told = f"picture to write ({', '.join(PICTURES)})"
         add(word, "--plot", "FILE", told, Path, action=FileAction, const=PICTURES)
@@ -157,8 +160,11 @@ def _read(arguments: argparse.Namespace) -> Network:
 
 
 def _way(network: Network, arguments: argparse.Namespace) -> Route:
+    closed = {int(edge) for edge in arguments.closed}
+    if unknown := closed - set(network.edges):
+        raise ValueError(f"--closed: expected edges of the network, found {sorted(unknown)[0]}")
     starts, goals = (network.spots_of(network.node_of(place)) for place in (arguments.start, arguments.goal))
-    return plan(network, starts, goals, cruise=routes.CRUISE)
+    return plan(network, starts, goals, cruise=arguments.cruise, closed=closed)
 
 
 def _tell(arguments: argparse.Namespace, network: Network, lines: list[str], route: Route | None = None) -> None:
