@@ -23,7 +23,7 @@ def test_it_is_a_pinhole_that_looks_at_a_sphere_and_without_distortion_a_unified
 def test_the_radius_grows_with_the_angle_up_to_the_limit_and_beyond_no_pixel_has_a_ray():
     for xi in [0.5, 1.0, 2.0]:
         camera = Omni(8000, 8000, 200.0, 200.0, 4000.0, 4000.0, xi)
-        limit = np.arccos(camera.min_cosine)
+        limit = np.arccos(-min(xi, 1 / xi))
         angle = np.linspace(0.0, limit - 0.1, 500)
         pixels, _ = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
         assert np.all(np.diff(pixels[:, 0]) > 0)
