@@ -81,7 +81,8 @@ class MclDepthNode(LocalizerNode):
         stamp, T_base_level, tilt = picture.stamp_ns, level(picture.T_base_camera), self.attitude.tilt
         if self.filter is None:
             return BaseEstimate(self.refuse(stamp, FINE))
-        odometry = picture.T_odom_base and planar_pose(picture.T_odom_base @ T_base_level)
+        T_odom_base = picture.T_odom_base
+        odometry = planar_pose(T_odom_base @ T_base_level) if T_odom_base is not None else None
         rotation = tilt @ picture.T_base_camera.rotation
         estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, odometry))
         if estimate.belief is not None:

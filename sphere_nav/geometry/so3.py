@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array
 
-IDENTITY = np.eye(3)
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
 
 
@@ -39,7 +38,8 @@ def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
     K = hat(omega)
     KK = K @ K
     a, b, c = a[..., None, None], b[..., None, None], c[..., None, None]
-    return IDENTITY + a * K + b * KK, IDENTITY + b * K + c * KK
+    identity = np.eye(3)
+    return identity + a * K + b * KK, identity + b * K + c * KK
 
 
 def log(rotation: ArrayLike) -> Array:

@@ -66,18 +66,18 @@ def surface_of(sphere: Sphere) -> Surface:
 
 def _quads(nearness: Floats, camera: Spherical) -> Integers:
     """Return the quads (Q, 3) as upper row, left column and size: the largest where it is flat, each pixel in one."""
-    beyond: Any = "wrap" if camera.is_whole else "edge"
-    is_cut = find_breaks(nearness, 1, beyond), find_breaks(nearness, 0, "edge")
-    if camera.is_whole:
-        nearness, *is_cut = (np.pad(one, ((0, 0), (0, 1)), "wrap") for one in (nearness, *is_cut))
-    is_covered = np.zeros(nearness.shape, np.bool_)
+    margin = (0, 0), (0, int(camera.is_whole))
+    breaks = (find_breaks(nearness, 1, "wrap" if camera.is_whole else "edge"), find_breaks(nearness, 0, "edge"))
+    ends_right, ends_below = (np.pad(one, margin, "wrap") for one in breaks)
+    around = np.pad(nearness, margin, "wrap")
+    is_covered = np.zeros(around.shape, np.bool_)
     size = 1
     while size * 2 * PER_TURN <= camera.full_width:
         size *= 2
     quads = []
     while size:
-        found = _is_plane(nearness, *is_cut, size)
-        rows, columns = (size * (side // size) for side in np.subtract(nearness.shape, 1))
+        found = _is_plane(around, ends_right, ends_below, size)
+        rows, columns = (size * (side // size) for side in np.subtract(around.shape, 1))
         found &= ~is_covered[:rows:size, :columns:size]
         is_covered[:rows, :columns] |= found.repeat(size, axis=0).repeat(size, axis=1)
         quads.append(np.pad(size * np.argwhere(found), ((0, 0), (0, 1)), constant_values=size))

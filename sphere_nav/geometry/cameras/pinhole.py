@@ -19,6 +19,7 @@ MIN_DEPTH = 1e-6
 class PlaneCamera(Focal):
     """A camera whose rays meet a plane, where its lens distorts them. Optical frame: z forward, x right, y down."""
 
+    model: ClassVar[str]
     distortion: tuple[float, ...] = ()
     most_distortion: ClassVar[int] = 0  # coefficients
 

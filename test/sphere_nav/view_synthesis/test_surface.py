@@ -47,7 +47,7 @@ def test_a_step_is_a_break_a_slope_or_a_crease_is_none_and_a_thin_thing_has_two(
 
 
 def test_quads_cover_what_has_no_break_once(rng):
-    for camera in (Spherical(2048, 1024), Spherical(2047, 1024, 2048.0)):
+    for camera in (Spherical(512, 256), Spherical(511, 256, 512.0)):
         nearness = np.full((camera.height, camera.width), 0.5, np.float32)
         nearness[50:90, 100:140] = 1.0
         nearness[rng.random(nearness.shape) < 0.02] = np.nan
@@ -60,7 +60,7 @@ def test_quads_cover_what_has_no_break_once(rng):
         expected = np.ptp(corners, axis=0) == 0  # false for NaN
         columns = slice(camera.width - (not camera.is_whole))
         np.testing.assert_array_equal(covered[:-1, columns], expected[:, columns])
-        assert set(quads[:, 2]) == {1, 2, 4, 8}
+        assert set(quads[:, 2]) == {1, 2}
 
 
 def test_a_plane_makes_large_quads_and_waves_small_ones():
