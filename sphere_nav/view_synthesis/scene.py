@@ -33,7 +33,7 @@ class SphereSource(Protocol):
 
 
 class Scene:
-    """Draws views of a map; surfaces are prepared by one thread and kept up to `max_megabytes`, for two views always."""
+    """Draws views of a map; one thread prepares surfaces; kept are `max_megabytes`, for two views at least."""
 
     def __init__(self, source: SphereSource, max_megabytes: float = 500.0) -> None:
         if not len(source.graph):
