@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.pinhole import PlaneCamera
 
 
@@ -59,7 +59,7 @@ class SphereCamera(PlaneCamera):
         second = np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + shifted**2)
         divisor = self.alpha * second + (1 - self.alpha) * shifted  # eq. 40 to 42
         is_near = (points[..., 2] > self.min_cosine_first * distance) & (shifted > self.min_cosine * second)
-        return np.where(is_near & (divisor > TINY * second), divisor, np.nan)
+        return np.where(is_near, divisor, np.nan)
 
     def rays(self, plane: Array) -> Array:
         """Return the unit rays (..., 3) to undistorted places (..., 2) of the plane; NaN where there is none."""
