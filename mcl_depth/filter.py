@@ -105,7 +105,7 @@ class Filter:
     def _localize(self, seen: Reconciled, comparison: Comparison) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
-        step = self._motion.step(observation.stamp_ns, observation.T_odom_level, is_known=seen.is_known)
+        step = self._motion.step(observation.stamp_ns, observation.odometry, is_known=seen.is_known)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         curves = comparison.curves(particles.poses)
         particles = adjust_headings(particles, curves, self._rng)

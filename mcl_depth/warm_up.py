@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.kernels import decompress_lzf, read_faces
+from mcl_depth.geometry.kernels import decompress_lzf
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import compare_gradients, num_alpha_for
 from mcl_depth.likeness.features import depth_features_many, visual_features
@@ -29,7 +29,5 @@ def warm_up(params: FilterParams) -> None:
     for is_seen in (True, gray > 10.0):
         compare_gradients(visual_features(gray, is_seen), stack, np.arange(len(stack)), num_headings)
     GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
-    data = np.frombuffer(bytes(2), np.uint8)  # as of a file
-    decompress_lzf(data, np.empty(1, np.uint8))
-    read_faces(data, 0, 1, np.array([[1, 1]]), 0, False, 9, np.empty((0, 3), np.int64))
+    decompress_lzf(np.frombuffer(bytes(2), np.uint8), np.empty(1, np.uint8))  # as of a file
     photometric.warm_up()

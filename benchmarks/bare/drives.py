@@ -21,7 +21,7 @@ from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world, geometry_cloud
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.motion_model import compose_planar, relative_motion
+from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.cloud import cloud_from_points
@@ -62,8 +62,8 @@ class Drive:
     def steps(self) -> Iterator[Step]:
         """Yield what the filter takes for each image, and the true place."""
         for index, image in enumerate(self.images):
-            T_odom_level = SE3.from_planar(*map(float, self.odometry[index])) @ T_BASE_CAMERA
-            observation = Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], T_odom_level)
+            odometry = planar_pose(SE3.from_planar(*map(float, self.odometry[index])) @ T_BASE_CAMERA)
+            observation = Observation(image, PANORAMA, (index + 1) * 10**9, self.tilts[index], odometry)
             yield observation, self.truth(index)
 
     @property

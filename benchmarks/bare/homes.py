@@ -327,7 +327,7 @@ def steps(seen: Home, start: int, seed: int) -> Iterator[Step]:
         seconds += max(float(np.hypot(motion[0], motion[1])) / PACE, 0.5)
         motion[2] += np.radians(3.0) * rng.standard_normal() * (index > 0)
         odometry, before = compose_planar(odometry[None], motion)[0], true
-        yield Observation(seen.images[number], camera, int(seconds * 1e9), np.eye(3), SE3.from_planar(*odometry)), true
+        yield Observation(seen.images[number], camera, int(seconds * 1e9), np.eye(3), odometry), true
 
 
 def _route(xy: Array, start: int) -> list[int]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
-from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion, way_of
+from mcl_depth.belief.motion_model import compose_planar, relative_motion, way_of
 from mcl_depth.constants import MAX_SIGMA_CELLS, MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
@@ -30,9 +30,8 @@ class DeadReckoning:
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
-        T_odom_level = observation.T_odom_level
         self._stands, self._compared_ns = self._is_close(observation), observation.stamp_ns
-        self._compared_at = planar_pose(T_odom_level) if T_odom_level is not None else None
+        self._compared_at = observation.odometry
         if is_confirmed:
             self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
 
@@ -85,6 +84,6 @@ class DeadReckoning:
 
 
 def _motion(before: Array | None, observation: Observation) -> Array | None:
-    if before is None or observation.T_odom_level is None:
+    if before is None or observation.odometry is None:
         return None
-    return relative_motion(before, planar_pose(observation.T_odom_level))
+    return relative_motion(before, observation.odometry)

@@ -21,14 +21,14 @@ from sphere_nav.localization.status import Status
 class Observation:
     """One image. Frame `level`: the camera's centre with the vehicle's axes, levelled: z up, x where it heads.
 
-    `rotation` (3, 3) turns camera axes into those of `level`; `T_odom_level` is odometry at the stamp, or None.
+    `rotation` (3, 3) turns camera axes into those of `level`; `odometry` is its x, y, yaw (3,) at the stamp, or None.
     """
 
     image: NDArray[Any]  # grey (H, W)
     camera: Camera
     stamp_ns: int
     rotation: Array
-    T_odom_level: SE3 | None = None
+    odometry: Array | None = None
 
 
 @dataclass(frozen=True)

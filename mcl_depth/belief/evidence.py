@@ -25,7 +25,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, Field
-from mcl_depth.belief.motion_model import planar_pose, way_of
+from mcl_depth.belief.motion_model import way_of
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import PlaceTest, excess
@@ -132,8 +132,7 @@ class Evidence:
             self.place = pose if self._trial.p_chance < EVEN_ODDS else None
             return Proof(self._trial.p_chance)
         self._trial = None
-        T_odom_level = seen.observation.T_odom_level
-        proof = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
+        proof = self.survey(comparison, seen.observation.odometry)
         self.place = proof.poses[0] if proof.is_proven else None
         return proof
 

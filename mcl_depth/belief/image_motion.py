@@ -161,10 +161,10 @@ class ReconciledOdometry:
 
         The range around a place that is not held (`is_held`) is a guess: what images say with it is but a hint.
         """
-        if observation.T_odom_level is None:
+        raw = observation.odometry
+        if raw is None:
             self._now = None
             return Reconciled(observation)
-        raw = planar_pose(observation.T_odom_level)
         if self._reference is None:
             self._now = raw, raw
             return Reconciled(observation)
@@ -172,7 +172,7 @@ class ReconciledOdometry:
         motion = relative_motion(before, raw)
         finding, fused, is_known, is_verified = self._compare(observation, motion)
         self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
-        observation = replace(observation, T_odom_level=SE3.from_planar(*self._now[1]))
+        observation = replace(observation, odometry=self._now[1])
         return (
             Reconciled(observation, finding, is_known, is_verified)
             if is_held

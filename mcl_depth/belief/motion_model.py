@@ -71,17 +71,17 @@ class MotionModel:
 
     def reset(self) -> None:
         """Forget the last image."""
-        self._last: tuple[int, SE3 | None] | None = None
+        self._last: tuple[int, Array | None] | None = None
 
-    def step(self, stamp_ns: int, T_odom_level: SE3 | None, *, is_known: bool = True) -> Step:
-        """Return the motion since the last call; unknown where odometry is missing, leaps, or is not to be believed."""
-        before, self._last = self._last, (stamp_ns, T_odom_level)
+    def step(self, stamp_ns: int, odometry: Array | None, *, is_known: bool = True) -> Step:
+        """Return the motion since the last call; unknown where odometry is missing, leaps or is not believed."""
+        before, self._last = self._last, (stamp_ns, odometry)
         if before is None:
-            return Step(np.zeros(3), np.zeros(3), is_known=T_odom_level is not None)
+            return Step(np.zeros(3), np.zeros(3), is_known=odometry is not None)
         seconds = max((stamp_ns - before[0]) * 1e-9, 0.0)
-        if before[1] is None or T_odom_level is None or not is_known:
+        if before[1] is None or odometry is None or not is_known:
             return self._unknown(seconds)
-        motion = relative_motion(planar_pose(before[1]), planar_pose(T_odom_level))
+        motion = relative_motion(before[1], odometry)
         way = way_of(motion)
         if not way <= self._params.max_speed * seconds + MAX_LEAP:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)

@@ -37,13 +37,10 @@ class SurveyGrid:
 
     def rows_around(self, pose: Array, reach: int) -> NDArray[np.int64]:
         """Return which positions lie within `reach` cells of a pose (3,), (2 reach + 1, 2 reach + 1); -1: none."""
-        rows = np.full((2 * reach + 1, 2 * reach + 1), -1)
+        side = 2 * reach + 1
         first = np.floor(pose[:2] / self.edge).astype(np.int64) - self._low - reach
-        low, high = np.maximum(first, 0), np.minimum(first + 2 * reach + 1, self.shape)
-        if np.all(low < high):
-            to = tuple(slice(a, b) for a, b in zip(low - first, high - first, strict=True))
-            rows[to] = self._rows[low[0] : high[0], low[1] : high[1]]
-        return rows
+        x, y = np.clip(first, -side, self.shape) + side
+        return np.pad(self._rows, side, constant_values=-1)[x : x + side, y : y + side]
 
     def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
         """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""

@@ -1,4 +1,4 @@
-"""The inner loops of depth panoramas: drawing points, faces of files, expanding LZF. Plain arrays in and out.
+"""The inner loops of depth panoramas: drawing points, expanding LZF. Plain arrays in and out.
 
 Panoramas are (H, W) float32 whose columns wrap around; nothing here may show a seam.
 """
@@ -77,43 +77,6 @@ def draw_many(places, points, starts, sizes, edges, window, splat, out):
 
 
 # ---- files ------------------------------------------------------------------------------------------------------
-
-
-@njit(**OPTIONS)
-def _whole(data, start, size, is_big):
-    """Return the whole number in `size` bytes, the largest first where `is_big`."""
-    value = 0
-    for k in range(size):
-        value = value << 8 | int(data[start + (k if is_big else size - 1 - k)])
-    return value
-
-
-@njit(**OPTIONS)
-def read_faces(data, place, num_rows, sizes, corners, is_big, most, out):
-    """Write the triangles (T, 3) i8 of polygons, as fans; return their number and where the rows end.
-
-    Of a row that makes no sense its number, and -1. data (N,) u1: rows from `place` on; sizes (P, 2) i8: bytes of the
-    count (0: no list) and of an item of each property of a row; corners: the list of the indices; most: of their
-    number. An empty `out` is not written.
-    """
-    count = 0
-    for row in range(num_rows):
-        for k in range(len(sizes)):
-            counted, item = sizes[k, 0], sizes[k, 1]
-            if place + counted > len(data):
-                return row, -1
-            length = _whole(data, place, counted, is_big) if counted else 1
-            place += counted
-            if not 0 <= length <= most or place + length * item > len(data):
-                return row, -1
-            if k == corners:
-                for i in range(2, length):
-                    if len(out):
-                        for corner, at in enumerate((0, i - 1, i)):
-                            out[count, corner] = _whole(data, place + at * item, item, is_big)
-                    count += 1
-            place += length * item
-    return count, place
 
 
 @njit(**OPTIONS)

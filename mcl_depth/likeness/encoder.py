@@ -56,8 +56,8 @@ class Encoder:
             around = np.pad(image, ((0, 0), (0, 0), (width // 2, width // 2)), "wrap")
             around = np.pad(around, ((0, 0), (height // 2, height // 2), (0, 0)))
             windows = sliding_window_view(around, (height, width), axis=(1, 2))[:, :: strides[0], :: strides[1]]
-            rows = np.moveaxis(windows, (1, 2), (3, 4)).reshape(inputs * height * width, -1)
-            image = (weights.reshape(outputs, -1) @ rows + biases[:, None]).reshape(outputs, *windows.shape[1:3])
+            shaped = weights.reshape(outputs, inputs, height, width)
+            image = np.tensordot(shaped, windows, ((1, 2, 3), (0, 3, 4))) + biases[:, None, None]
             image = np.maximum(image, np.float32(0.0)) if layer < len(self.table) - 1 else image
         return image
 

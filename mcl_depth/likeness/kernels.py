@@ -59,34 +59,25 @@ def fill_nan(image, J, K):
 
 
 @njit(**OPTIONS)
-def _add_row(vx, vy, vm, dx, dy, dm, sums):
-    """Add the terms of eq. 2 of one row for all rotations; v (W,), d (2W,) repeated, sums (num_alpha, 3)."""
+def _add_row(vx, vy, vm, seen, dx, dy, dm, sums):
+    """Add the terms of eq. 2 of one row for all rotations, and the depth gradients in view.
+
+    v, seen (W,), d (2W,) repeated, sums (num_alpha, 3).
+    """
     W = len(vx)
     num_alpha = len(sums)
     for i in range(num_alpha):
         offset = W - i * (W // num_alpha)
         x, y, m = dx[offset : offset + W], dy[offset : offset + W], dm[offset : offset + W]
-        visual, depth = np.float32(0.0), np.float32(0.0)
+        visual, depth, in_view = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for u in range(W):
             c = abs(vx[u] * x[u] + vy[u] * y[u])
             visual += c * vm[u]
             depth += c * m[u]
+            in_view += seen[u] * m[u]
         sums[i, 0] += visual
         sums[i, 1] += depth
-
-
-@njit(**OPTIONS)
-def _add_seen(seen, dm, sums):
-    """Add up the depth gradients that are in view for all rotations; seen (W,), dm (2W,)."""
-    W = len(seen)
-    num_alpha = len(sums)
-    for i in range(num_alpha):
-        offset = W - i * (W // num_alpha)
-        m = dm[offset : offset + W]
-        total = np.float32(0.0)
-        for u in range(W):
-            total += seen[u] * m[u]
-        sums[i, 2] += total
+        sums[i, 2] += in_view
 
 
 @njit(**OPTIONS)
@@ -119,9 +110,7 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
                 rows[0, x] = rows[0, W + x] = COSINES[direction]
                 rows[1, x] = rows[1, W + x] = SINES[direction]
                 rows[2, x] = rows[2, W + x] = m
-            _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
-            if share < 1.0:
-                _add_seen(seen[y], rows[2], sums)
+            _add_row(vx[y], vy[y], vm[y], seen[y], rows[0], rows[1], rows[2], sums)
         _join_terms(sums, share, out[i])
     return out
 

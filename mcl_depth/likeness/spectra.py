@@ -58,14 +58,10 @@ def encode_cells(
         for first in range(0, len(chosen), BATCH):
             yield spectra_of(pictures_of(stack.take(chosen[first : first + BATCH])), frequencies)
 
-    scales = scales_of(np.concatenate(list(spectra_at(sample_slots(slots))), axis=1))
-    return encode_spectra(spectra_at(slots), scales, slots), scales
-
-
-def sample_slots(slots: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the slots of some cells, by which codes are scaled; of -1 none."""
     known = slots[slots >= 0]
-    return known[:: max(len(known) // NUM_SAMPLES, 1)]
+    some = known[:: max(len(known) // NUM_SAMPLES, 1)]
+    scales = scales_of(np.concatenate(list(spectra_at(some)), axis=1))
+    return encode_spectra(spectra_at(slots), scales, slots), scales
 
 
 def scales_of(samples: Spectra) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
 from mcl_depth.belief.estimate import Estimate, Observation
+from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.likeness.kinds import check_likeness
@@ -80,9 +81,10 @@ class MclDepthNode(LocalizerNode):
         stamp, T_base_level, tilt = picture.stamp_ns, level(picture.T_base_camera), self.attitude.tilt
         if self.filter is None:
             return BaseEstimate(self.refuse(stamp, FINE))
-        T_odom_level = picture.T_odom_base and picture.T_odom_base @ T_base_level
+        T_odom_base = picture.T_odom_base
+        odometry = planar_pose(T_odom_base @ T_base_level) if T_odom_base is not None else None
         rotation = tilt @ picture.T_base_camera.rotation
-        estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, T_odom_level))
+        estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, odometry))
         if estimate.belief is not None:
             self.views.show(estimate.belief, self.filter, stamp)
         self.guide.answer(estimate.belief, estimate.status, stamp)

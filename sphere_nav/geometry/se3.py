@@ -132,11 +132,8 @@ class SE3:
                     ]
                 )
             )
-        matrix = np.zeros(self.matrix.shape)
-        matrix[..., :3, :3] = Rt = np.swapaxes(self.rotation, -1, -2)
-        matrix[..., :3, 3:] = -(Rt @ self.matrix[..., :3, 3:])
-        matrix[..., 3, 3] = 1.0
-        return SE3(matrix)
+        Rt = np.swapaxes(self.rotation, -1, -2)
+        return SE3.from_parts(Rt, -(Rt @ self.matrix[..., :3, 3:])[..., 0])
 
     def orthonormal(self) -> SE3:
         """Return the motion with its rotation made orthogonal, where only rounding has bent it (a step of Newton's).

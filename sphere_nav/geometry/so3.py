@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array
 
-IDENTITY = np.eye(3)
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
 
 
@@ -39,7 +38,8 @@ def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
     K = hat(omega)
     KK = K @ K
     a, b, c = a[..., None, None], b[..., None, None], c[..., None, None]
-    return IDENTITY + a * K + b * KK, IDENTITY + b * K + c * KK
+    identity = np.eye(3)
+    return identity + a * K + b * KK, identity + b * K + c * KK
 
 
 def log(rotation: ArrayLike) -> Array:
@@ -90,25 +90,26 @@ def nearest_rotations(matrices: Array) -> Array:
 
 def inverse_left_jacobian_times(rotation_vector: Array, vector: Array) -> Array:
     """Return V^-1 v (3,) of one rotation vector (3,) and one vector (3,)."""
-    (x, y, z), (p, q, r) = rotation_vector.tolist(), vector.tolist()
+    rotation, translation = rotation_vector.tolist(), vector.tolist()
+    x, y, z = rotation
     square = x * x + y * y + z * z
     if square < SMALL_ANGLE**2:
         k = 1.0 / 12.0 + square / 720.0
     else:
         angle = math.sqrt(square)
         k = (1.0 - 0.5 * angle * math.cos(0.5 * angle) / math.sin(0.5 * angle)) / square
-    a, b, c = y * r - z * q, z * p - x * r, x * q - y * p  # omega x v
-    return np.array(
-        [
-            p - 0.5 * a + k * (y * c - z * b),
-            q - 0.5 * b + k * (z * a - x * c),
-            r - 0.5 * c + k * (x * b - y * a),
-        ]
-    )
+    once = _cross(rotation, translation)
+    twice = _cross(rotation, once)
+    return np.array([p - 0.5 * a + k * b for p, a, b in zip(translation, once, twice, strict=True)])
 
 
 # One motion at a time is what tracking needs hundreds of times an image: arithmetic on floats is ten times faster than
 # NumPy is on arrays this small.
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    (x, y, z), (p, q, r) = a, b
+    return [y * r - z * q, z * p - x * r, x * q - y * p]
 
 
 def _exp_of_one(x: float, y: float, z: float) -> tuple[Array, Array]:

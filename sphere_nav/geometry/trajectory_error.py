@@ -78,13 +78,13 @@ def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tu
 def _fit_positions(source: Array, target: Array, *, has_scale: bool) -> tuple[SE3, float]:
     """Return the motion and scale that bring positions (N, 3) together best; ValueError for those on one line."""
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    U, sizes, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean) / len(source))
+    products = (target - target_mean).T @ (source - source_mean) / len(source)
+    sizes = np.linalg.svd(products, compute_uv=False)
     if len(source) < 3 or sizes[1] < 1e-9 * max(sizes[0], 1e-30):
         raise ValueError(f"align: expected at least 3 poses that are not on one line, found {len(source)} poses")
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
-    R = (U * signs) @ Vt
+    R = so3.nearest_rotations(products)
     variance = np.mean(np.sum((source - source_mean) ** 2, axis=-1))
-    scale = float(sizes @ signs / variance) if has_scale else 1.0
+    scale = float(np.sum(R * products) / variance) if has_scale else 1.0
     return SE3.from_parts(R, target_mean - scale * R @ source_mean), scale
 
 

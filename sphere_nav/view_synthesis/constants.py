@@ -16,6 +16,7 @@ NUM_DIRECTIONS = 6  # azimuths, of which most count
 MAX_DOUBLINGS, NUM_BISECTIONS = 4, 3  # of the way in a direction, until it is too far; between both, then
 
 # Drawing and blending (test_synthesis, test_surface, test_scene)
+FAR_NEARNESS = np.float32(1e-6)  # 1/m, of what is so far that no motion moves it
 SAME_SURFACE = np.float32(0.05), np.float32(0.005)  # of nearness, 1/m: drawings that differ by less show one surface
 POLE_RAD = 0.35  # around each pole of a drawing on a whole sphere, that is drawn apart
 MIN_KNOWN_NEIGHBORS = 5  # of 8 neighbours: holes that hold no more than a line of pixels are closed

@@ -18,8 +18,6 @@ from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.surface import Surface, surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, blend_weights, synthesize
 
-MIN_KEPT = 2 * NUM_BLENDED  # however large they are
-
 
 class SphereSource(Protocol):
     """A map on disk or in memory."""
@@ -35,7 +33,7 @@ class SphereSource(Protocol):
 
 
 class Scene:
-    """Draws views of a map; surfaces are prepared by one thread and kept up to `max_megabytes`."""
+    """Draws views of a map; one thread prepares surfaces; kept are `max_megabytes`, for two views at least."""
 
     def __init__(self, source: SphereSource, max_megabytes: float = 500.0) -> None:
         if not len(source.graph):
@@ -120,8 +118,10 @@ class Scene:
         with self._lock:
             kept = surface.num_bytes
             for other, one in list(self._surfaces.items())[::-1]:
-                kept += one.result().num_bytes if other != sphere_id and one.done() and not _has_failed(one) else 0
-                if kept > self._max_bytes and len(self._surfaces) > MIN_KEPT and other != sphere_id and one.done():
+                if other == sphere_id or not one.done():
+                    continue
+                kept += 0 if _has_failed(one) else one.result().num_bytes
+                if kept > self._max_bytes and len(self._surfaces) > 2 * NUM_BLENDED:
                     del self._surfaces[other]
         return surface
 

@@ -18,7 +18,7 @@ from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.view_synthesis import kernels
-from sphere_nav.view_synthesis.constants import MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
+from sphere_nav.view_synthesis.constants import FAR_NEARNESS, MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
 from sphere_nav.view_synthesis.surface import Surface
 
 POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
@@ -60,7 +60,7 @@ def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     is_known = weights[..., 0] > 0.0
     colors = np.clip(total / np.where(weights > 0.0, weights, 1.0) + 0.5, 1.0, 255.0) * is_known[..., None]
     with np.errstate(divide="ignore"):
-        range_m = np.where(nearest > 2.0 * kernels.FAR_NEARNESS, 1.0 / nearest, np.inf).astype(np.float32)
+        range_m = np.where(nearest > 2.0 * FAR_NEARNESS, 1.0 / nearest, np.inf).astype(np.float32)
     return _close_pinholes(colors.astype(np.uint8), np.where(is_known, range_m, np.float32(np.nan)), is_known)
 
 

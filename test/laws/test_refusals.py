@@ -28,7 +28,7 @@ FLAT = np.zeros((30, 40), np.float32)
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     # cameras
     "centre far away": (lambda: replace(LENS, cx=1e12), "centre: expected finite cx, cy"),
-    "six numbers of omni": (lambda: Omni(4, 4, 1, 1, 2, 2, 0.5, (0.0,) * 6), "omni: distortion: expected up to 5"),
+    "six numbers of omni": (lambda: Omni(4, 4, 1, 1, 2, 2, 0.5, (0.0,) * 6), "distortion: expected up to 5"),
     "distortion that is no number": (lambda: replace(LENS, distortion=(np.nan,)), "distortion: expected up to"),
     "alpha beyond 1": (lambda: DoubleSphere(4, 4, 1.0, 1.0, 2.0, 2.0, 0.0, 1.5), "alpha"),
     "camera without a place": (lambda: RigCamera("a", LENS, NOWHERE), "T_rig_camera: expected one finite pose"),

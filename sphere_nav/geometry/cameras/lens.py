@@ -5,6 +5,8 @@ omni: k1 k2 p1 p2, k3 = 0, xi.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from sphere_nav.geometry.arrays import Array, Flags, Size
@@ -15,7 +17,7 @@ from sphere_nav.geometry.cameras.pinhole import Pinhole
 
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 K3, XI = 8, 9  # of an omni
-MODELS = ("pinhole", "fisheye", "omni")
+MODELS: dict[str, Any] = {model.model: model for model in (Pinhole, Fisheye, Omni)}
 STEP = 1e-6  # of coefficients, which pixels are nearly linear in
 
 
@@ -40,13 +42,10 @@ def first_lens(model: str, focal: float, center: tuple[float, float]) -> Array:
 
 def camera_of(model: str, size: Size, lens: Array, num_distortion: int) -> Camera:
     """Return the camera of a parameter vector; a pinhole keeps its first `num_distortion` coefficients."""
-    fx, fy, cx, cy, *k = (float(value) for value in lens)
-    width, height = size
-    if model == "fisheye":
-        return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
-    if model == "omni":
-        return Omni(width, height, fx, fy, cx, cy, lens[XI].item(), (k[0], k[1], k[2], k[3]))
-    return Pinhole(width, height, fx, fy, cx, cy, tuple(k[:num_distortion]))
+    values = lens.tolist()
+    k = tuple(values[4 : 4 + (num_distortion if model == "pinhole" else 4)])
+    camera: Camera = MODELS[model](*size, *values[:4], distortion=k, **({"xi": values[XI]} if model == "omni" else {}))
+    return camera
 
 
 def free_parameters(model: str, num_distortion: int) -> Flags:

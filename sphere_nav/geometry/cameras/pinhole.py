@@ -16,17 +16,18 @@ NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
 
 
-@dataclass(frozen=True)
-class Pinhole(Focal):
-    """Optical frame: z forward, x right, y down (M15 eq. 26). Focal lengths and centre in pixels."""
+class PlaneCamera(Focal):
+    """A camera whose rays meet a plane, where its lens distorts them. Optical frame: z forward, x right, y down."""
 
+    model: ClassVar[str]
     distortion: tuple[float, ...] = ()
-    model: ClassVar[str] = "pinhole"
+    most_distortion: ClassVar[int] = 0  # coefficients
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.distortion) > NUM_DISTORTION or not np.all(np.isfinite(self.distortion)):
-            raise ValueError(f"distortion: expected up to {NUM_DISTORTION} finite numbers, found {self.distortion}")
+        if len(self.distortion) > self.most_distortion or not np.all(np.isfinite(self.distortion)):
+            expected = f"expected up to {self.most_distortion} finite numbers"
+            raise ValueError(f"distortion: {expected}, found {self.distortion}")
 
     @cached_property
     def coefficients(self) -> Array:
@@ -44,7 +45,7 @@ class Pinhole(Focal):
 
     @cached_property
     def max_radius(self) -> float:
-        """Largest undistorted radius (tangent of the angle) up to which the radial distortion grows monotonically.
+        """Largest undistorted radius on the plane up to which the radial distortion grows monotonically.
 
         Beyond it the polynomial folds back and would project points from far outside into the image.
         """
@@ -56,24 +57,29 @@ class Pinhole(Focal):
         falling = np.flatnonzero(np.diff(distorted) <= 0)
         return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
 
+    def depths(self, points: Array) -> Array:
+        """Return what x and y of points (..., 3) are divided by to lie on the plane (...); NaN where none can."""
+        z = points[..., 2]
+        return np.where(z > MIN_DEPTH, z, np.nan)
+
+    def rays(self, plane: Array) -> Array:
+        """Return the unit rays (..., 3) to undistorted places (..., 2) of the plane; NaN where there is none."""
+        rays: Array = np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return rays
+
     def project(self, points: ArrayLike) -> tuple[Array, Flags]:
-        """Project points (..., 3); points behind the camera or beyond `max_radius` are NaN and not visible."""
+        """Project points (..., 3); those without a place on the plane, or beyond `max_radius`, are NaN, not visible."""
         p = np.asarray(points, dtype=np.float64)
-        in_front = p[..., 2] > MIN_DEPTH
-        xy = p[..., :2] / np.where(in_front, p[..., 2], np.nan)[..., None]
+        xy = p[..., :2] / self.depths(p)[..., None]
         xy = np.where((np.sum(xy * xy, axis=-1) <= self.max_radius**2)[..., None], xy, np.nan)
         pixels = self._distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
         return pixels, inside(pixels, self)
 
     def unproject(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3), distortion undone by Newton's method; NaN where it has no solution."""
-        target = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
-        xy = target
-        if self.is_distorted:
-            xy = self._undistort(target)
-        rays: Array = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        return rays
+        xy = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
+        return self.rays(self._undistort(xy) if self.is_distorted else xy)
 
     def _undistort(self, target: Array) -> Array:
         xy = target
@@ -102,6 +108,15 @@ class Pinhole(Focal):
         u = x * numerator / denominator + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         v = y * numerator / denominator + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack([u, v], axis=-1)
+
+
+@dataclass(frozen=True)
+class Pinhole(PlaneCamera):
+    """M15 eq. 26."""
+
+    distortion: tuple[float, ...] = ()
+    model: ClassVar[str] = "pinhole"
+    most_distortion: ClassVar[int] = NUM_DISTORTION
 
 
 def _determinant(a: Array, b: Array) -> Array:

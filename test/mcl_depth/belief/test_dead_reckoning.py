@@ -11,14 +11,14 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.params import MclInputParams, MotionParams
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import Spherical
 
 CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9)
 
 
 def observe(x, y, yaw, second=1):
     camera = Spherical(16, 8)
-    return Observation(np.zeros((8, 16), np.uint8), camera, second * 10**9, np.eye(3), SE3.from_planar(x, y, yaw))
+    return Observation(np.zeros((8, 16), np.uint8), camera, second * 10**9, np.eye(3), np.array([x, y, yaw]))
 
 
 def reckoning(**params):

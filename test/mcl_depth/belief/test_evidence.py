@@ -14,7 +14,7 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
 COST = np.float32(2.5)
@@ -27,9 +27,9 @@ SLIP = Verdict(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE, SIGMA = 0.5, 40, 36, 1e-3, 0.6
 
 
-def seen(T_odom_level=None, finding=FINE, **flags):
+def seen(odometry=None, finding=FINE, **flags):
     """An image with its odometry, and what it has against it; of what it shows only `Images` tells."""
-    image = Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), 1, np.eye(3), T_odom_level)
+    image = Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), 1, np.eye(3), odometry)
     return Reconciled(image, finding, **flags)
 
 
@@ -214,7 +214,7 @@ def place_given():
 
 def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
     evidence, grid, pose = place_given()
-    levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(16)]
+    levels = [np.array([0.2 * k, 0.0, 0.0]) for k in range(16)]
     found = proofs(evidence, grid, range(16), [None] * 16, pose, levels)
     assert min(proof.p_chance for proof in found) > RATE
     assert not found[0].is_of_map

@@ -176,6 +176,14 @@ def test_a_ply_holds_properties_in_any_order_and_polygons_beside_other_lists(tmp
         read_ply(tmp_path / "m.ply")
 
 
+@pytest.mark.parametrize(("count", "is_refused"), [(255, False), (256, True), (-1, True)])
+def test_a_face_has_up_to_255_corners(tmp_path: Path, count: int, is_refused: bool) -> None:
+    head = ply("binary_little_endian", faces=True)[:-13].replace(b"list uchar", b"list short")
+    (tmp_path / "a.ply").write_bytes(head + struct.pack("<h", count) + bytes(4 * 256))
+    with pytest.raises(ValueError, match="face 0: expected up to 255 corners") if is_refused else nullcontext():
+        assert len(read_ply(tmp_path / "a.ply")[1]) == count - 2
+
+
 def test_text_beyond_its_last_row_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(FILES["a.ply"] + b"7\n")
     with pytest.raises(ValueError, match="body: expected 9 numbers, found 10"):

@@ -24,7 +24,7 @@ def site():
 
 def observe(site, pose, number):
     image, camera = picture(site, pose), site.depth_map.camera
-    return Observation(image, camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*pose))
+    return Observation(image, camera, (number + 1) * 10**9, np.eye(3), np.array(pose))
 
 
 def test_what_was_learned_deviates_more_by_chance(site):

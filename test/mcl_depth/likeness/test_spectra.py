@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.spectra import correlate, encode_spectra, sample_slots, scales_of, spectra_of
+from mcl_depth.likeness.spectra import correlate, encode_cells, encode_spectra, scales_of, spectra_of
 
 CELLS, HEIGHT, WIDTH = 9, 6, 48
 ALL = range(WIDTH // 2)
@@ -35,5 +37,7 @@ def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
     np.testing.assert_allclose(some / WIDTH, found[[6, 1]], rtol=1e-4, atol=1e-4)
 
 
-def test_codes_are_scaled_by_cells_that_are_there():
-    np.testing.assert_array_equal(sample_slots(np.array([4, -1, 2, -1])), [4, 2])
+def test_codes_are_scaled_by_cells_that_are_there(pictures):
+    stack = SimpleNamespace(take=lambda slots: pictures[slots])
+    _, scales = encode_cells(stack, np.array([4, -1, 2, -1]), lambda part: part, ALL)
+    np.testing.assert_array_equal(scales, scales_of(spectra_of(pictures[[4, 2]], ALL)))

@@ -9,50 +9,6 @@ from sphere_nav.view_synthesis import kernels
 F = np.float32
 
 
-def breaks_of(nearness, wraps=False):
-    breaks = np.zeros(nearness.shape, np.uint8)
-    kernels.find_breaks(nearness.astype(F), wraps, F(0.03), F(0.004), breaks)
-    return breaks
-
-
-def test_a_step_is_a_break_a_slope_or_a_crease_is_none_and_a_thin_thing_has_two():
-    row = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.45, 0.40, 0.35, 0.30])
-    assert breaks_of(np.tile(row, (3, 1)))[1].tolist() == [0, 0, 1, 0, 0, 0, 0, 0, 0, 0]
-    assert breaks_of(np.tile(row, (3, 1)).T)[:, 1].tolist() == [0, 0, 2, 0, 0, 0, 0, 0, 0, 0]
-    crease = np.array([0.5, 0.5, 0.5, 0.45, 0.38, 0.31, 0.24])
-    assert not breaks_of(np.tile(crease, (3, 1)))[1].any()
-    thin = np.array([0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5])
-    assert breaks_of(np.tile(thin, (3, 1)))[1].tolist() == [0, 0, 1, 1, 0, 0, 0]
-
-
-def test_quads_cover_what_has_no_break_once(rng):
-    for wraps in [False, True]:
-        nearness = np.full((20, 40), 0.5, F)
-        nearness[5:9, 10:14] = 1.0
-        nearness[rng.random(nearness.shape) < 0.02] = np.nan
-        breaks = breaks_of(nearness, wraps)
-        quads = np.empty((nearness.size, 3), np.int32)
-        quads = quads[: kernels.cut_quads(nearness, breaks, wraps, 8, F(0.003), F(5e-4), quads)]
-        covered = np.zeros(nearness.shape, int)
-        for v, u, size in quads:
-            assert u + size <= (40 if wraps else 39)
-            covered[v : v + size, u : u + size] += 1
-        right = np.roll(nearness, -1, axis=1)
-        corners = np.stack([nearness[:-1], right[:-1], nearness[1:], right[1:]])
-        expected = (np.ptp(corners, axis=0) == 0).astype(int)  # false for NaN
-        assert np.array_equal(covered[:-1] if wraps else covered[:-1, :-1], expected if wraps else expected[:, :-1])
-        assert quads[:, 2].max() == 8
-
-
-def test_a_plane_makes_large_quads_and_waves_small_ones():
-    v, u = np.mgrid[0:17, 0:17]
-    for nearness, sizes in [(0.5 + 0.01 * u + 0.02 * v, {8}), (0.5 + 0.01 * np.sin(u + v), {1})]:
-        quads = np.empty((nearness.size, 3), np.int32)
-        breaks = np.zeros(nearness.shape, np.uint8)
-        count = kernels.cut_quads(nearness.astype(F), breaks, False, 8, F(0.003), F(5e-4), quads)
-        assert set(quads[:count, 2].tolist()) == sizes
-
-
 def test_corners_are_projected_as_the_camera_says(rng):
     lens = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5)
     for camera in (lens, Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0), Spherical(128, 64)):

@@ -4,7 +4,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav.view_synthesis.surface import surface_of
+from sphere_nav.view_synthesis.surface import _quads, find_breaks, surface_of
 
 CAMERA = Spherical(128, 64)
 
@@ -33,6 +33,41 @@ def test_unknown_pixels_are_in_no_quad_and_the_sky_is_far():
     rows = surface.pixels[surface.corners, 0]
     assert not ((rows.min(axis=1) < 20) & (rows.max(axis=1) >= 20)).any()  # no sheet from the sky to the wall
     assert surface.image.shape == (64, 128, 3)
+
+
+def test_a_step_is_a_break_a_slope_or_a_crease_is_none_and_a_thin_thing_has_two():
+    row = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.45, 0.40, 0.35, 0.30])
+    crease, thin = [0.5, 0.5, 0.5, 0.45, 0.38, 0.31, 0.24], [0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5]
+    for nearness, places in [(row, [2]), (crease, []), (thin, [2, 3])]:
+        picture = np.tile(np.array(nearness, np.float32), (3, 1))
+        for found in (find_breaks(picture, 1, "edge"), find_breaks(picture.T, 0, "edge").T):
+            assert np.flatnonzero(found[1]).tolist() == places
+        assert not find_breaks(picture, 0, "edge").any()
+    assert np.flatnonzero(find_breaks(np.tile(row, (3, 1)), 1, "wrap")[1]).tolist() == [2, 9]
+
+
+def test_quads_cover_what_has_no_break_once(rng):
+    for camera in (Spherical(512, 256), Spherical(511, 256, 512.0)):
+        nearness = np.full((camera.height, camera.width), 0.5, np.float32)
+        nearness[50:90, 100:140] = 1.0
+        nearness[rng.random(nearness.shape) < 0.02] = np.nan
+        quads, covered = _quads(nearness, camera), np.zeros(nearness.shape, int)
+        for v, u, size in quads:
+            assert u + size <= camera.width - (not camera.is_whole)
+            covered[v : v + size, u : u + size] += 1
+        right = np.roll(nearness, -1, axis=1)
+        corners = np.stack([nearness[:-1], right[:-1], nearness[1:], right[1:]])
+        expected = np.ptp(corners, axis=0) == 0  # false for NaN
+        columns = slice(camera.width - (not camera.is_whole))
+        np.testing.assert_array_equal(covered[:-1, columns], expected[:, columns])
+        assert set(quads[:, 2]) == {1, 2}
+
+
+def test_a_plane_makes_large_quads_and_waves_small_ones():
+    v, u = np.mgrid[0:513, 0:1025] / 1000.0
+    camera = Spherical(1025, 513, 1026.0)
+    for nearness, size in [(0.5 + 0.1 * u + 0.2 * v, 4), (0.5 + 0.01 * np.sin(1000 * (u + v)), 1)]:
+        assert set(_quads(nearness.astype(np.float32), camera)[:, 2]) == {size}
 
 
 def surface_of_nearness(nearness):
