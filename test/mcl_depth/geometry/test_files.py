@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -182,6 +183,19 @@ def test_a_face_has_up_to_255_corners(tmp_path: Path, count: int, is_refused: bo
     (tmp_path / "a.ply").write_bytes(head + struct.pack("<h", count) + bytes(4 * 256))
     with pytest.raises(ValueError, match="face 0: expected up to 255 corners") if is_refused else nullcontext():
         assert len(read_ply(tmp_path / "a.ply")[1]) == count - 2
+
+
+def test_a_mesh_of_triangles_alone_is_read_at_once(tmp_path):
+    corners = np.random.default_rng(5).integers(0, 3, (100_000, 3)).astype("<i4")
+    rows = np.rec.fromarrays([np.full(len(corners), 3, np.uint8), corners], [("number", "u1"), ("corners", "<i4", 3)])
+    head = ply("binary_little_endian", faces=True)[:-13].replace(b"face 1", b"face 100000")
+    (tmp_path / "a.ply").write_bytes(head + rows.tobytes())
+    begun = time.process_time()
+    np.testing.assert_array_equal(read_ply(tmp_path / "a.ply")[1], corners)
+    assert time.process_time() - begun < 0.1  # 0.3 s one by one
+    (tmp_path / "a.ply").write_bytes(head + rows.tobytes()[:-1])
+    with pytest.raises(ValueError, match="face 99999: expected up to"):
+        read_ply(tmp_path / "a.ply")
 
 
 def test_text_beyond_its_last_row_is_refused(tmp_path: Path) -> None:
