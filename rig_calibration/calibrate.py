@@ -83,10 +83,9 @@ def calibrate(
     progress("joining the cameras")
     start = start_of_rig(names, boards, seen, singles, T_rig_reference)
     adjusted = adjust(start.problem, start.state, start.kept, progress)
-    state = adjusted.solution.state
+    state, errors = adjusted.state, adjusted.residuals
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
     progress("judging: parts of the images")
-    errors = adjusted.solution.residuals
     found = spread(start.problem, state, errors, adjusted.kept)
     checked = validate(start.problem, state, adjusted.kept)
     notes = warnings(names, found)
@@ -128,10 +127,11 @@ def _each_camera(
         with told_at(f"camera {spec.name}"):
             single = calibrate_camera(spec.model, spec.size, seen, spec.start)
         singles.append(single)
+        T_camera_board = single.adjusted.state.T_world_rig.inverse()
         for index, (view, rows) in enumerate(zip(own, seen.rows, strict=True)):
             weight = single.adjusted.kept[rows]
             if np.any(weight > 0):
-                T = single.T_camera_board[index] @ turns[view.board]
+                T = T_camera_board[index] @ turns[view.board]
                 good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")

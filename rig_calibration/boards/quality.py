@@ -32,6 +32,7 @@ from rig_calibration.constants import (
 )
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array, Flags
+from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.photometric.constants import CELLS
 
 REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
@@ -117,7 +118,7 @@ def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses:
     lines = []
     for name, single, lens in zip(names, singles, lenses, strict=True):
         if len(names) > 1 and (chance := lens_chance(single, lens)) < FALSE_ALARM:
-            moved = ", ".join(f"{change:+.2f}" for change in (lens - single.lens)[:4])
+            moved = ", ".join(f"{change:+.2f}" for change in (lens - lens_of(single.camera))[:4])
             found = f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})"
             lines.append(f"{name}: by itself and with the others it is not the same camera: {found}")
     return [*lines, REMEDY] if lines else []
@@ -127,7 +128,7 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     """Return how often chance alone would move a lens (12,) so far from the camera's own."""
     free = np.diag(single.lens_covariance) > 0
     scale = np.sqrt(np.diag(single.lens_covariance)[free])
-    change = (lens - single.lens)[free] / scale
+    change = (lens - lens_of(single.camera))[free] / scale
     correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
     if not np.all(np.isfinite(correlation)):
         return 1.0
