@@ -19,12 +19,12 @@ from rig_calibration.constants import (
     APART,
     FALSE_ALARM,
     LENS_GRID,
+    LENS_STEPS,
     MIN_HALF,
     MIN_OWN_STEP,
     MIN_PIXELS,
     MIN_SIGMA,
     NUM_RUNS,
-    OWN_STEPS,
     SIGMAS,
 )
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
@@ -148,7 +148,7 @@ def settle_image(image: DriveImage, state: ImageState, lens: Lens) -> Array:
     """Return the residuals (N,) of an image under a lens, its pose and light adjusted from coarse to full size."""
     for level in reversed(range(len(image.levels[:2]))):
         least = np.inf
-        for _ in range(OWN_STEPS):
+        for _ in range(LENS_STEPS):
             residual, J = differentiate(image, state, lens, level)
             part = weigh_part(residual, J[:, len(lens.names) :])
             cost = _cost(residual, part.sigma)
