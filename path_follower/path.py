@@ -175,12 +175,6 @@ class ReferencePath:
         return Location(s, segment, edge, left, distance, turned)
 
 
-def compose_poses(a: Pose2, b: Pose2) -> Pose2:
-    """Return the pose of b, which is seen from a."""
-    cosine, sine = math.cos(a.yaw), math.sin(a.yaw)
-    return Pose2(a.x + cosine * b.x - sine * b.y, a.y + sine * b.x + cosine * b.y, a.yaw + b.yaw)
-
-
 def between(a: Pose2, b: Pose2) -> Pose2:
     """Return b as seen from a."""
     cosine, sine, dx, dy = math.cos(a.yaw), math.sin(a.yaw), b.x - a.x, b.y - a.y

@@ -9,14 +9,19 @@ from path_follower.consistency import MotionConsistency, judge_covariance
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, between, compose_poses
+from path_follower.path import Pose2, between
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import ORIGIN, Motion, Predictor, drive
+from sphere_nav.geometry import SE3
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 PARAMS = FollowerParams()
 NOISE = (0.02, 0.02, 0.0087)
 STATED = np.diag(np.square(NOISE))
+
+
+def compose_poses(a, b):
+    return Pose2.of(SE3.from_planar(*a) @ SE3.from_planar(*b))
 
 
 class Car:
