@@ -44,7 +44,6 @@ class Calibration:
     """
 
     specs: tuple[CameraSpec, ...]
-    boards: tuple[Board, ...]
     start: StartingPoint
     state: RigState
     residuals: Array
@@ -91,7 +90,7 @@ def calibrate(
     notes = warnings(names, found)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
     notes += disagreements(names, singles, state.lenses)
-    return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
+    return Calibration(tuple(specs), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 
 def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView]) -> None:
