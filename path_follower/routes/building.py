@@ -348,7 +348,7 @@ def _cut(strands: Sequence[_Strand], links: _Links, map_id: str) -> Network:
                 chain += after[chain[-1]]
             done.update(pairwise(chain))
             chains.append(chain)
-    names = {}
+    names: dict[_Place, int] = {}
     for place in (home, *(chain[end] for chain in chains for end in (0, -1))):
         names.setdefault(place, len(names) + 1)
     edges = {}

@@ -75,9 +75,8 @@ def covered_cells(problem: AdjustmentProblem, kept: Array) -> Flags:
     """Return whether a corner fell into each cell of every image (C, rows, columns)."""
     found = np.zeros((len(problem.models), CELLS[1], CELLS[0]), np.bool_)
     for camera, rows in problem.seen.camera_slices:
-        pixels = problem.seen.pixels[rows][kept[rows] > 0]
-        u, v = np.clip(np.floor(pixels / problem.sizes[camera] * CELLS).astype(int), 0, np.array(CELLS) - 1).T
-        found[camera, v, u] = True
+        (u, v), (width, height) = problem.seen.pixels[rows][kept[rows] > 0].T, problem.sizes[camera]
+        found[camera] = np.histogram2d(v, u, CELLS[::-1], ((0, height), (0, width)))[0] > 0
     return found
 
 
