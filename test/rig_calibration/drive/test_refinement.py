@@ -55,6 +55,7 @@ def worse(camera):
     return replace(camera, **lens)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=lambda camera: camera.model)
 def test_lens_and_readout_are_found(world, camera):
     found = refine_camera(drive(world, camera, worse(camera), 4), Lens.of(worse(camera)))
