@@ -9,7 +9,7 @@ import numpy as np
 
 from path_follower.constants import ACROSS, REACTION, SWEEP_STEP
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2, ReferencePath, between, compose_poses
+from path_follower.path import Location, Pose2, ReferencePath, between
 from path_follower.vehicle import ORIGIN, Motion, drive
 from sphere_nav.geometry.arrays import Array
 
@@ -27,14 +27,10 @@ def points_in_way(
 
     The footprints keep the present offset from the path. Points on the body itself are its own.
     """
-    here = path.at(location.arc_length, location.segment)
-    end = path.end_of(location.segment)
-    places = []
+    here, places = path.at(location.arc_length, location.segment), []
     for ahead in _steps(distance):
-        there = path.at(min(location.arc_length + ahead, end), location.segment)
-        step = between(Pose2(here.x, here.y, here.yaw), Pose2(there.x, there.y, there.yaw))
-        heading = here.yaw - pose.yaw  # the path's direction in the vehicle's frame
-        places.append(compose_poses(Pose2(0.0, 0.0, heading), step))
+        there = path.at(location.arc_length + ahead, location.segment)
+        places.append(between(Pose2(here.x, here.y, pose.yaw), Pose2(there.x, there.y, there.yaw)))
     return _count(points, places, params)
 
 

@@ -106,25 +106,12 @@ class ReferencePath:
     def at(self, arc_length: float, segment: int) -> ReferencePoint:
         """Return the reference at an arc length, kept within its segment."""
         part = self.segments[segment]
-        s = min(max(arc_length, float(self.arc_length[part.first])), float(self.arc_length[part.last]))
-        edge = self._edge_at(s, part)
-        begin = float(self.arc_length[edge])
-        share = (s - begin) / max(float(self.arc_length[edge + 1]) - begin, 1e-12)
-
-        def mix(values: Array) -> float:
-            return float(values[edge]) + share * float(values[edge + 1] - values[edge])
-
-        speed, curvature = mix(self.speed), mix(self.curvature)
-        return ReferencePoint(
-            x=mix(self.x),
-            y=mix(self.y),
-            yaw=wrap(mix(self.yaw)),
-            speed=speed,
-            yaw_rate=speed * curvature,
-            curvature=curvature,
-            arc_length=s,
-            direction=part.direction,
+        own = slice(part.first, part.last + 1)
+        columns = self.arc_length, self.x, self.y, self.yaw, self.speed, self.curvature
+        s, x, y, yaw, speed, curvature = (
+            float(np.interp(arc_length, self.arc_length[own], column[own])) for column in columns
         )
+        return ReferencePoint(x, y, wrap(yaw), speed, speed * curvature, curvature, s, part.direction)
 
     def advance(self, pose: Pose2, last: Location, window: float) -> Location:
         """Return the foot of a pose on the closest edge within `window` m ahead of the last foot, never behind it.
@@ -136,9 +123,9 @@ class ReferencePath:
         first = self._edge_at(last.arc_length, part)
         count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], last.arc_length + window)) - first)
         edges = np.arange(first, min(first + count, part.last))
-        feet = self._feet(pose, edges)
-        best = int(np.argmin(feet.distance))
-        found = self._location(pose, feet, best, int(edges[best]), last.segment)
+        share, distance = self._feet(pose, edges)
+        best = int(np.argmin(distance))
+        found = self._location(pose, float(share[best]), float(distance[best]), int(edges[best]), last.segment)
         return replace(found, arc_length=max(found.arc_length, last.arc_length))
 
     def locate(self, pose: Pose2) -> Location | None:
@@ -148,9 +135,9 @@ class ReferencePath:
         a crossing they head differently, and the one counts that heads as the pose does.
         """
         edges = np.concatenate([np.arange(part.first, part.last) for part in self.segments])
-        feet = self._feet(pose, edges)
+        share, distance = self._feet(pose, edges)
         turned = turned_by(self.yaw[edges], pose.yaw)
-        distance = np.where(turned <= MAX_OFF_HEADING, feet.distance, np.inf)
+        distance = np.where(turned <= MAX_OFF_HEADING, distance, np.inf)
         if not np.isfinite(distance).any():
             return None
         near = distance <= distance.min() + SAME_PLACE
@@ -160,7 +147,7 @@ class ReferencePath:
         best = first + int(np.argmin(distance[first:last]))
         edge = int(edges[best])
         segment = next(i for i, part in enumerate(self.segments) if part.first <= edge < part.last)
-        return self._location(pose, feet, best, edge, segment)
+        return self._location(pose, float(share[best]), float(distance[best]), edge, segment)
 
     def begin_of(self, segment: int) -> Location:
         """Return the first point of a segment as a location."""
@@ -171,33 +158,21 @@ class ReferencePath:
         after = int(np.searchsorted(self.arc_length[part.first : part.last + 1], s, side="right")) + part.first
         return min(max(after - 1, part.first), part.last - 1)
 
-    def _feet(self, pose: Pose2, edges: NDArray[np.intp]) -> _Feet:
-        x0, y0 = self.x[edges], self.y[edges]
-        dx, dy = self.x[edges + 1] - x0, self.y[edges + 1] - y0
-        square = np.maximum(dx * dx + dy * dy, 1e-18)
-        share = np.clip(((pose.x - x0) * dx + (pose.y - y0) * dy) / square, 0.0, 1.0)
-        off_x, off_y = pose.x - (x0 + share * dx), pose.y - (y0 + share * dy)
-        return _Feet(share, off_x, off_y, np.hypot(off_x, off_y))
+    def _feet(self, pose: Pose2, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return where on edges (N,) a pose is closest, as shares (N,) of them, and how far it is from there."""
+        begin = np.stack([self.x[edges], self.y[edges]])
+        step = np.stack([self.x[edges + 1], self.y[edges + 1]]) - begin
+        off = np.array([[pose.x], [pose.y]]) - begin
+        share = np.clip(np.sum(off * step, axis=0) / np.maximum(np.sum(step * step, axis=0), 1e-18), 0.0, 1.0)
+        return share, np.hypot(*(off - share * step))
 
-    def _location(self, pose: Pose2, feet: _Feet, best: int, edge: int, segment: int) -> Location:
-        t = float(feet.share[best])
-        yaw = float(self.yaw[edge]) + t * float(self.yaw[edge + 1] - self.yaw[edge])
-        s = float(self.arc_length[edge]) + t * float(self.arc_length[edge + 1] - self.arc_length[edge])
-        left = float(feet.off_y[best]) * math.cos(yaw) - float(feet.off_x[best]) * math.sin(yaw)
-        return Location(s, segment, edge, left, float(feet.distance[best]), wrap(pose.yaw - yaw))
-
-
-class _Feet(NamedTuple):
-    share: Array
-    off_x: Array
-    off_y: Array
-    distance: Array
-
-
-def compose_poses(a: Pose2, b: Pose2) -> Pose2:
-    """Return the pose of b, which is seen from a."""
-    cosine, sine = math.cos(a.yaw), math.sin(a.yaw)
-    return Pose2(a.x + cosine * b.x - sine * b.y, a.y + sine * b.x + cosine * b.y, a.yaw + b.yaw)
+    def _location(self, pose: Pose2, share: float, distance: float, edge: int, segment: int) -> Location:
+        x, y, yaw, s = (
+            float(column[edge] + share * (column[edge + 1] - column[edge]))
+            for column in (self.x, self.y, self.yaw, self.arc_length)
+        )
+        _, left, turned = between(Pose2(x, y, yaw), pose)
+        return Location(s, segment, edge, left, distance, turned)
 
 
 def between(a: Pose2, b: Pose2) -> Pose2:

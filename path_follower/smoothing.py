@@ -90,15 +90,11 @@ def _filter(points: Array, weight: float) -> Array:
     count = len(points)
     if count < 5:
         return points
-    D = np.zeros((4, count))  # upper bands of D'D
-    for row in range(4):
-        for column in range(row, 4):
-            band = D[3 - (column - row)]
-            band[column : count - 3 + column] += weight * THIRD_DIFFERENCE[row] * THIRD_DIFFERENCE[column]
-    D[3] += 1.0
-    from scipy.linalg import solveh_banded
+    from scipy.sparse import diags_array, eye_array  # these, too
+    from scipy.sparse.linalg import spsolve
 
-    return np.asarray(solveh_banded(D, points))
+    D = diags_array(THIRD_DIFFERENCE, offsets=range(4), shape=(count - 3, count))
+    return np.asarray(spsolve((eye_array(count) + weight * D.T @ D).tocsc(), points))
 
 
 def _measure(points: Array) -> Curve:

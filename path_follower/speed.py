@@ -62,15 +62,8 @@ def speed_profile(way: Array, limits: Array, vehicle: VehicleParams) -> Array:
     Braking: v^2 of a point <= v^2 of the next + 2 deceleration * distance. Speeding up likewise, but not from
     standstill at the start: there the acceleration limit of the command does it.
     """
-    squared = np.square(limits)
-    steps = np.diff(way)
-    squared[-1] = 0.0
-    _bound_rise(squared[::-1], 2.0 * vehicle.max_deceleration * steps[::-1])
-    _bound_rise(squared, 2.0 * vehicle.max_acceleration * steps)
-    return np.sqrt(squared)
-
-
-def _bound_rise(values: Array, most: Array) -> None:
-    """Lower values (N,) so that none is above the one before it by more than `most` (N - 1,)."""
-    for i, rise in enumerate(most.tolist()):
-        values[i + 1] = min(values[i + 1], values[i] + rise)
+    squared, left = np.append(np.square(limits[:-1]), 0.0), way[-1] - way
+    braking, gaining = 2.0 * vehicle.max_deceleration * left, 2.0 * vehicle.max_acceleration * way
+    squared = braking + np.minimum.accumulate((squared - braking)[::-1])[::-1]
+    squared = gaining + np.minimum.accumulate(squared - gaining)
+    return np.sqrt(np.maximum(squared, 0.0))

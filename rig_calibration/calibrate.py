@@ -44,7 +44,6 @@ class Calibration:
     """
 
     specs: tuple[CameraSpec, ...]
-    boards: tuple[Board, ...]
     start: StartingPoint
     state: RigState
     residuals: Array
@@ -83,16 +82,15 @@ def calibrate(
     progress("joining the cameras")
     start = start_of_rig(names, boards, seen, singles, T_rig_reference)
     adjusted = adjust(start.problem, start.state, start.kept, progress)
-    state = adjusted.solution.state
+    state, errors = adjusted.state, adjusted.residuals
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
     progress("judging: parts of the images")
-    errors = adjusted.solution.residuals
     found = spread(start.problem, state, errors, adjusted.kept)
     checked = validate(start.problem, state, adjusted.kept)
     notes = warnings(names, found)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
     notes += disagreements(names, singles, state.lenses)
-    return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
+    return Calibration(tuple(specs), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 
 def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView]) -> None:
@@ -128,10 +126,11 @@ def _each_camera(
         with told_at(f"camera {spec.name}"):
             single = calibrate_camera(spec.model, spec.size, seen, spec.start)
         singles.append(single)
+        T_camera_board = single.adjusted.state.T_world_rig.inverse()
         for index, (view, rows) in enumerate(zip(own, seen.rows, strict=True)):
             weight = single.adjusted.kept[rows]
             if np.any(weight > 0):
-                T = single.T_camera_board[index] @ turns[view.board]
+                T = T_camera_board[index] @ turns[view.board]
                 good.append(Sighting(camera, view.instant, [*by_name].index(view.board), T, view, weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")

@@ -65,6 +65,7 @@ FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of 
 DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}  # the same
 MAP_LENS = (0.03, 0.03, 0.02, 0.02, 0.05, 0.05)  # deviations before of the map's own lens: f, centre / f, k1, k2
 MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its error grows
+SMALL = 1e-3  # of a deviation before, or m and rad: by which a parameter moves for a derivative
 SAME_ROW = 1e-3  # rows by which a pixel and the instant of its row may differ: sampling errs by more
 HELD = 1e-6  # of those: of a parameter that stays as it was known, in a lens and in a mounting
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
@@ -72,7 +73,7 @@ LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however man
 # What proves a refined lens (drive/test_proof)
 NUM_RUNS = 5  # of consecutive images in a half of the drive: neighbours err alike, runs hardly
 MIN_HALF = 3  # images of a half
-OWN_STEPS, MIN_OWN_STEP = 10, 1e-3  # of pose and light of an image under a given lens; part of the cost, the last gain
+MIN_OWN_STEP = 1e-3  # part of the cost, the last gain of pose and light of an image under a given lens
 APART = 0.5  # of how far both halves are off the given lens: as far may they be from each other; chance gives 2
 LENS_GRID = (9, 7)  # pixels at which two lenses are compared
 SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error

@@ -18,7 +18,7 @@ from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, compose_poses
+from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 from path_follower.taught import Given, make_path
 from sphere_nav.geometry.arrays import Array
@@ -71,8 +71,8 @@ class Drive:
             motion = self.wheels.speed, self.wheels.yaw_rate
             self.follower.consistency.see_odometry(Pose2(*self.wheels.pose), *motion, self.now)
         if self.now % self.period_ns == 0 and self.rng.random() >= LOST:
-            state, noise = self.vehicle.state, Pose2(*self.rng.normal(size=3) * NOISE)
-            self.pending.append((self.now, compose_poses(Pose2(state.x, state.y, state.yaw), noise)))
+            state = self.vehicle.state
+            self.pending.append((self.now, Pose2(*self.rng.normal([state.x, state.y, state.yaw], NOISE))))
 
     def _tick(self) -> None:
         follower = self.follower

@@ -3,12 +3,14 @@
 Drives are taken one after the other. Each of its points is compared, in position and heading, with the curves that are
 there already, and with what the drive itself did before. Runs alongside keep the curve that was there first. What is
 left becomes a curve of its own, which begins and ends on the other ones: at the branch it has their pose and curvature
-and goes over to what was driven within some metres. Curves are then cut at the branches.
+and goes over to what was driven within some metres. Each step from point to point that a drive made is a link; where
+links branch, or are driven in other directions, edges begin and end.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,7 +21,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
-from path_follower.path import Pose2, between, turned_by
+from path_follower.path import between, turned_by
 from path_follower.routes.constants import (
     ALIKE,
     BLEND,
@@ -33,7 +35,7 @@ from path_follower.routes.constants import (
     TURN_SCALE,
 )
 from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
-from sphere_nav.geometry.arrays import Array, Flags
+from sphere_nav.geometry.arrays import Array
 
 HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there
 
@@ -68,12 +70,13 @@ class _Place(NamedTuple):
 
 @dataclass(eq=False)
 class _Strand:
-    """A curve of the network before it is cut, and whether each step was driven forward, and backwards (2, N - 1)."""
+    """A curve of the network before it is cut, and its points: its own but at ends that lie on another curve."""
 
     curve: EdgeCurve
-    ways: Flags
-    begin: _Place | None = None
-    end: _Place | None = None
+    places: list[_Place]
+
+
+_Links = dict[tuple[_Place, _Place], set[int]]  # from a point to the next one: in which directions it was driven
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
@@ -81,13 +84,14 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
     if not drives:
         raise ValueError("network: expected drives, found none")
     strands: list[_Strand] = []
+    links: _Links = {}
     for drive in drives:
-        _add_drive(strands, drive)
-    return _numbered(*_cut(strands), map_id)
+        _add_drive(strands, links, drive)
+    return _cut(strands, links, map_id)
 
 
-def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
-    """Add what a drive does not share as curves of their own; note on the others that it came by."""
+def _add_drive(strands: list[_Strand], links: _Links, drive: TaughtDrive) -> None:
+    """Add what a drive does not share as curves of their own, and all steps that it made."""
     curve = drive.curve
     on, at = _alongside(strands, curve)
     runs = _with_changes(strands, at, _tidy(on, at))
@@ -97,20 +101,24 @@ def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     for index, run in enumerate(runs):
         if run.on == OWN:
             (first, begin), (last, end) = (_branch(strands, curve, at, runs, index, side) for side in (-1, 1))
-            ways = np.tile([[drive.direction > 0], [drive.direction < 0]], last - first)
-            strand = _Strand(curve.between(first, last), ways)
-            places[first : last + 1] = [_Place(len(strands), point) for point in range(last - first + 1)]
+            own = [_Place(len(strands), point) for point in range(last - first + 1)]
+            strand = _Strand(curve.between(first, last), own.copy())
+            places[first : last + 1] = own
             strands.append(strand)
-            strand.begin, strand.end = begin and _settled(places, begin), end and _settled(places, end)
-            for place, is_begin in ((strand.begin, True), (strand.end, False)):
-                if place is not None:
-                    _blend(strand, strands[place.strand], place.at, is_begin=is_begin)
+            span = curve.between(first, last).length / (1.0 if begin is None or end is None else 2.0)
+            for joint, here in ((begin, 0), (end, -1)):
+                if joint is not None:
+                    place = _settled(places, joint)
+                    other = strands[place.strand]
+                    strand.curve = _blended(strand.curve, here, other.curve, place.at, min(BLEND, span))
+                    strand.places[here] = other.places[place.at]
     for point in range(kept.start, kept.stop):
         place = places[point] = _settled(places, places[point])
         speed = strands[place.strand].curve.speed
         speed[place.at] = np.fmax(speed[place.at], curve.speed[point])
     for left, met in pairwise(places[kept]):
-        _note(strands, left, met, int(drive.direction < 0))
+        for step in _steps(strands, left, met):
+            links.setdefault(step, set()).add(drive.direction)
 
 
 def _settled(places: Sequence[_Place], place: _Place) -> _Place:
@@ -120,21 +128,28 @@ def _settled(places: Sequence[_Place], place: _Place) -> _Place:
     return place
 
 
-def _note(strands: Sequence[_Strand], left: _Place, met: _Place, way: int) -> None:
-    """Note on curves that they were driven (0: forward, 1: backwards) from one place to the next."""
-    if left.strand == met.strand:
-        strands[met.strand].ways[way, min(left.at, met.at) : max(left.at, met.at)] = True
-    else:
-        for end, begin in _joints(strands, left.strand, met.strand):
-            _note(strands, left, end, way)
-            _note(strands, begin, met, way)
+def _steps(strands: Sequence[_Strand], left: _Place, met: _Place) -> list[tuple[_Place, _Place]]:
+    """Return the steps from one place to the next, along one curve or over the point that two have in common."""
+    ends = [(left, met)]
+    if left.strand != met.strand:
+        joint = _joint(strands, left, met)
+        ends = [] if joint is None else [(left, joint[0]), (joint[1], met)]
+    return [
+        step
+        for a, b in ends
+        for step in pairwise(strands[a.strand].places[min(a.at, b.at) : max(a.at, b.at) + 1])
+        if step[0] != step[1]
+    ]
 
 
-def _joints(strands: Sequence[_Strand], left: int, met: int) -> list[tuple[_Place, _Place]]:
-    """Return the ends of two curves where the one that is left ends on the other, or this begins on it."""
-    end = _Place(left, len(strands[left].curve) - 1), strands[left].end
-    begin = strands[met].begin, _Place(met, 0)
-    return [(a, b) for a, b in (end, begin) if a is not None and b is not None and (a.strand, b.strand) == (left, met)]
+def _joint(strands: Sequence[_Strand], left: _Place, met: _Place) -> tuple[_Place, _Place] | None:
+    """Return where one curve ends on another, or this begins on it, as places on both; of two the nearer, else None."""
+    ours, theirs = strands[left.strand].places, strands[met.strand].places
+    found = [(len(ours) - 1, theirs.index(ours[-1]))] if ours[-1] in theirs else []
+    found += [(ours.index(theirs[0]), 0)] if theirs[0] in ours else []
+    joints = [(_Place(left.strand, end), _Place(met.strand, begin)) for end, begin in found]
+    apart = {max(abs(a.at - left.at), abs(b.at - met.at)): (a, b) for a, b in joints if a != b}
+    return apart[min(apart)] if apart else None
 
 
 # --- alongside
@@ -248,10 +263,9 @@ def _with_changes(strands: Sequence[_Strand], at: Indices, runs: list[_Run]) -> 
 
 def _are_connected(strands: Sequence[_Strand], left: _Place, met: _Place) -> bool:
     """Whether the curve that is left ends on that which is met, or this begins on it, about where they change over."""
-    if HERE in (left.strand, met.strand):
-        return False
-    near, joints = (BLEND + 2.0) / SPACING, _joints(strands, left.strand, met.strand)
-    return any(abs(end.at - left.at) <= near and abs(begin.at - met.at) <= near for end, begin in joints)
+    joint = None if HERE in (left.strand, met.strand) else _joint(strands, left, met)
+    near = (BLEND + 2.0) / SPACING
+    return joint is not None and abs(joint[0].at - left.at) <= near and abs(joint[1].at - met.at) <= near
 
 
 # --- branches
@@ -282,28 +296,26 @@ def _most_alike(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices
     return points[cost <= cost.min() + ALIKE]
 
 
-def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
-    """Let a curve begin (or end) with the pose and curvature of a point of another one.
+def _blended(curve: EdgeCurve, here: int, other: EdgeCurve, at: int, span: float) -> EdgeCurve:
+    """Return a curve that begins (`here` is 0) or ends (-1) with the pose and curvature of a point of another one.
 
-    The offset from what was driven fades out over BLEND m by the polynomial of fifth degree that has it, its slope and
+    The offset from what was driven fades out over `span` m by the polynomial of fifth degree that has it, its slope and
     its curvature at the branch, and none of them at the other end.
     """
-    curve, sign = strand.curve, 1.0 if is_begin else -1.0
-    here, target = (0 if is_begin else len(curve) - 1), other.curve.point(at)
+    sign, target = (1.0 if here == 0 else -1.0), other.point(at)
     ahead, left, turn = between(curve.point(here), target)
     slope = sign * math.tan(turn)
-    bend = float(other.curve.bend[at] - curve.bend[here])
-    way = curve.arc if is_begin else curve.length - curve.arc
-    is_between = strand.begin is not None and strand.end is not None
-    span = max(min(BLEND, curve.length / (2.0 if is_between else 1.0)), 1e-6)
-    shift = _fade(np.minimum(way / span, 1.0), left, slope * span, bend * span**2)
-    along = ahead * _fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
+    bend = float(other.bend[at] - curve.bend[here])
+    way = curve.arc if here == 0 else curve.length - curve.arc
+    share = np.minimum(way / max(span, 1e-6), 1.0)
+    shift = _fade(share, left, slope * span, bend * span**2)
+    along = ahead * _fade(share, 1.0, 0.0, 0.0)
     x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)
     y = curve.y + shift * np.cos(curve.yaw) + along * np.sin(curve.yaw)
     turned = np.arctan2(np.gradient(y), np.gradient(x))
     turned[here] = target.yaw
     turned = np.where(way < span, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
-    strand.curve = EdgeCurve(x, y, np.unwrap(turned), curve.speed)
+    return EdgeCurve(x, y, np.unwrap(turned), curve.speed)
 
 
 def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
@@ -312,50 +324,38 @@ def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
 
 
 # --- nodes and edges
-def _cut(strands: Sequence[_Strand]) -> tuple[list[Pose2], list[RouteEdge]]:
-    """Return poses where curves are cut, the first is that of `home`, and edges between them by their numbers."""
-    places: dict[_Place, int] = {}
-    edges: list[RouteEdge] = []
-
-    def node(place: _Place) -> int:
-        item = strands[place.strand]
-        joint = item.begin if place.at == 0 else item.end if place.at == len(item.curve) - 1 else None
-        return places.setdefault(place, len(places)) if joint in (None, place) else node(joint)
-
-    joints = {place for strand in strands for place in (strand.begin, strand.end) if place is not None}
-    for index, strand in enumerate(strands):
-        changes = np.flatnonzero(np.any(strand.ways[:, 1:] != strand.ways[:, :-1], axis=0)) + 1
-        cuts = {0, len(strand.curve) - 1, *changes.tolist(), *(at for on, at in joints if on == index)}
-        for first, last in pairwise(sorted(cuts)):
-            ends = node(_Place(index, first)), node(_Place(index, last))
-            may = strand.ways[:, first].tolist()
-            edges.append(RouteEdge(0, *ends, strand.curve.between(first, last), *may))
-    return [strands[place.strand].curve.point(place.at) for place in places], edges
-
-
-def _numbered(poses: Sequence[Pose2], edges: list[RouteEdge], map_id: str) -> Network:
-    """Return the network without nodes at which nothing branches, and with numbers from 1.
+def _cut(strands: Sequence[_Strand], links: _Links, map_id: str) -> Network:
+    """Return the network: its nodes are where links branch, or are driven otherwise on both sides, and `home`.
 
     No number stands for a node and for an edge, as Nav2's Route Server wants it.
     """
-    for node in range(1, len(poses)):
-        _dissolve(edges, node)
-    used = sorted({node for edge in edges for node in (edge.start, edge.end)})
-    names = {node: name for name, node in enumerate(used, 1)}
-    numbered = {
-        name: replace(edge, id=name, start=names[edge.start], end=names[edge.end])
-        for name, edge in enumerate(edges, len(names) + 1)
-    }
-    return Network({name: poses[node] for node, name in names.items()}, numbered, {"home": names[0]}, map_id)
+    home, columns = strands[0].places[0], [strand.curve.columns for strand in strands]
+    before, after = defaultdict[_Place, list[_Place]](list), defaultdict[_Place, list[_Place]](list)
+    for left, met in links:
+        after[left].append(met)
+        before[met].append(left)
 
+    def is_node(place: _Place) -> bool:
+        come, go = [links[left, place] for left in before[place]], [links[place, met] for met in after[place]]
+        return place == home or len(come) != 1 or come != go
 
-def _dissolve(edges: list[RouteEdge], node: int) -> None:
-    """Join edges at a node where there is only one way on, driven alike."""
-    before, after = [edge for edge in edges if edge.end == node], [edge for edge in edges if edge.start == node]
-    if len(before) != 1 or len(after) != 1 or before == after:
-        return
-    a, b = before[0], after[0]
-    if (a.is_forward, a.is_reverse) == (b.is_forward, b.is_reverse):
-        x, y, yaw, speed = np.concatenate([a.curve.columns, b.curve.columns[:, 1:]], axis=1)
-        edges[edges.index(a)] = replace(a, end=b.end, curve=EdgeCurve(x, y, np.unwrap(yaw), speed))
-        edges.remove(b)
+    chains: list[list[_Place]] = []
+    done: set[tuple[_Place, _Place]] = set()
+    for left, met in sorted(links, key=lambda link: not is_node(link[0])):  # a round without any is cut somewhere
+        if (left, met) not in done:
+            chain = [left, met]
+            while not is_node(chain[-1]) and chain[-1] != left:
+                chain += after[chain[-1]]
+            done.update(pairwise(chain))
+            chains.append(chain)
+    names: dict[_Place, int] = {}
+    for place in (home, *(chain[end] for chain in chains for end in (0, -1))):
+        names.setdefault(place, len(names) + 1)
+    edges = {}
+    for number, chain in enumerate(chains, len(names) + 1):
+        x, y, yaw, speed = np.stack([columns[place.strand][:, place.at] for place in chain], axis=1)
+        ways = links[chain[0], chain[1]]
+        curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
+        edges[number] = RouteEdge(number, names[chain[0]], names[chain[-1]], curve, 1 in ways, -1 in ways)
+    nodes = {name: strands[place.strand].curve.point(place.at) for place, name in names.items()}
+    return Network(nodes, edges, {"home": names[home]}, map_id)

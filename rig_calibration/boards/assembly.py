@@ -69,19 +69,13 @@ class Assembly:
     def rig_poses(self, instant: str) -> SE3:
         """Return candidates (K,) of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
-        placed = [(self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix for s in known]
-        candidates = np.concatenate([np.zeros((0, 4, 4)), *placed])
-        if len(known) > 1:
-            costs = np.sum([np.minimum(self._misfits(candidates, s), LOST) for s in known], axis=0)
-            order = np.argsort(costs, kind="stable")
-            candidates = candidates[order[costs[order] <= 1.5 * costs.min()]]
-        return SE3(candidates)
-
-    def _misfits(self, T_world_rigs: Array, sighting: Sighting) -> Array:
-        """Return how far the board would be from where it is (n,), for rig poses (n, 4, 4), by its nearest turn."""
-        seen = T_world_rigs[:, None] @ (self.cameras[sighting.camera] @ sighting.T_camera_board).matrix
-        apart = _apart(seen.reshape(-1, 4, 4), self.boards[sighting.board].matrix[None], sighting.reach)
-        return apart.reshape(len(T_world_rigs), -1).min(axis=1)
+        if not known:
+            return SE3(np.zeros((0, 4, 4)))
+        told = [(self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix for s in known]
+        candidates = np.concatenate(told)
+        costs = _misfits(candidates, told, float(np.median([s.reach for s in known]))).sum(axis=1)
+        order = np.argsort(costs, kind="stable")
+        return SE3(candidates[order[costs[order] <= 1.5 * costs.min()]])
 
     def located(self) -> Iterator[tuple[SE3, Sighting]]:
         """Yield the sightings of instants at which the rig is known, with candidates (K,) of `T_world_rig`."""
@@ -177,16 +171,19 @@ def hand_eye(M: SE3, A: SE3) -> tuple[SE3, SE3]:
 def _majority(candidates: list[Array], reach: float) -> tuple[SE3, int]:
     """Return the mean of the candidates that most instants agree about, and how many instants these are."""
     pool = np.concatenate(candidates)
-    first = np.cumsum([0, *map(len, candidates[:-1])])
     tried = pool[:: max(len(pool) // MAX_CANDIDATES, 1)]
-    apart = _apart(tried, pool, reach)
-    nearest = np.minimum.reduceat(apart, first, axis=1)  # (tried, instants)
-    best = int(np.argmin(np.sum(np.minimum(nearest, LOST), axis=1)))
-    chosen = [start + int(np.argmin(row)) for start, row in zip(first, np.split(apart[best], first[1:]), strict=True)]
-    distances = apart[best][chosen]
-    close = pool[chosen][distances <= max(min(2.0 * float(np.median(distances)), LOST), float(distances.min()))]
+    best = tried[[int(np.argmin(_misfits(tried, candidates, reach).sum(axis=1)))]]
+    apart = [_apart(best, own, reach)[0] for own in candidates]
+    distances = np.array([own.min() for own in apart])
+    chosen = np.stack([own[int(np.argmin(off))] for own, off in zip(candidates, apart, strict=True)])
+    close = chosen[distances <= max(min(2.0 * float(np.median(distances)), LOST), float(distances.min()))]
     R = so3.nearest_rotations(close[:, :3, :3].mean(axis=0))
     return SE3.from_parts(R, np.median(close[:, :3, 3], axis=0)), int(np.count_nonzero(distances <= LOST))
+
+
+def _misfits(poses: Array, told: list[Array], reach: float) -> Array:
+    """Return how far poses (n, 4, 4) are from the nearest of what each of some sightings tells (n, sightings)."""
+    return np.stack([np.minimum(_apart(poses, own, reach).min(axis=1), LOST) for own in told], axis=1)
 
 
 def _apart(first: Array, second: Array, reach: float) -> Array:

@@ -1,39 +1,31 @@
 """Bundle adjustment: Levenberg-Marquardt over lenses, cameras, boards and rig poses.
 
 A corner P of board b, seen by camera c at instant i, lies at p = X_c^-1 R_i^-1 B_b P in the camera, with
-X = T_rig_camera, R = T_world_rig, B = T_world_board. With X exp(xi), R exp(xi) and B exp(xi):
-dp/d xi_X = [-I, [p]x],  dp/d xi_R = R_X^T [-I, [X p]x],  dp/d xi_B = R_cb [I, -[P]x].
+X = T_rig_camera, R = T_world_rig, B = T_world_board. It depends on one camera, one board and one rig pose, so that the
+derivatives by the same number of all cameras (boards, rig poses) come from one difference.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import huber
 
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
-from rig_calibration.constants import FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
+from rig_calibration.constants import DIFFERENCE, FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
 from sphere_nav.estimation.robust import huber_weights
-from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.geometry.cameras.lens import NUM_LENS, J_lens
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """The best state found, and its residuals (N, 2) in pixels."""
-
-    state: RigState
-    residuals: Array
 
 
 def solve(
     problem: AdjustmentProblem, start: RigState, weights: Array, huber_px: float = np.inf, max_iterations: int = 60
-) -> Solution:
-    """Minimise the weighted squares, linear beyond `huber_px`. Corners (N,) of weight 0 do not count."""
+) -> tuple[RigState, Array]:
+    """Return the state with the least weighted squares, linear beyond `huber_px`, and its residuals (N, 2).
+
+    Corners (N,) of weight 0 do not count.
+    """
     state, damping, errors = start, FIRST_DAMPING, residuals(problem, start)
     cost = _cost(errors, weights, huber_px)
     if not np.isfinite(cost):
@@ -52,7 +44,7 @@ def solve(
             damping *= 8.0
         if before - cost <= MIN_GAIN * before + TINY * TINY:
             break
-    return Solution(state, errors)
+    return state, errors
 
 
 def rms_px(errors: Array, kept: Array) -> float:
@@ -71,7 +63,10 @@ def information(problem: AdjustmentProblem, state: RigState, weights: Array) -> 
 
 def residuals(problem: AdjustmentProblem, state: RigState) -> Array:
     """Return projected minus seen pixels (N, 2); NaN where a point is behind a camera, or a lens is none."""
-    seen, (points, _) = problem.seen, _points_camera(problem, state)
+    seen = problem.seen
+    T_camera_world = (state.T_world_rig[seen.instant] @ state.T_rig_camera[seen.camera]).inverse()
+    T = (T_camera_world @ state.T_world_board[seen.board])[seen.view]
+    points = np.einsum("nij,nj->ni", T.rotation, seen.points) + T.translation
     found = np.full_like(seen.pixels, np.nan)
     for camera, rows in seen.camera_slices:
         with suppress(ValueError):
@@ -79,51 +74,22 @@ def residuals(problem: AdjustmentProblem, state: RigState) -> Array:
     return found - seen.pixels
 
 
-def jacobian(problem: AdjustmentProblem, state: RigState) -> tuple[Array, NDArray[np.intp]]:
-    """Return the derivatives (N, 2, 30) of the residuals by lens, camera, board and rig pose of each view.
-
-    Zero for what is held; with the places (V, 30) of these in a step (18 C + 6 B + 6 I,) of the state.
-    """
-    seen, (points, R_camera_board) = problem.seen, _points_camera(problem, state)
-    J = np.empty((len(points), 2, SHARED + 12))
-    for camera, rows in seen.camera_slices:
-        lens, X = problem.camera(state, camera), state.T_rig_camera[camera]
-        J_point = lens.J_project(points[rows])
-        J[rows, :, :NUM_LENS] = J_lens(lens, points[rows])
-        J[rows, :, NUM_LENS:SHARED] = J_point @ J_moved_frame(points[rows])
-        J[rows, :, SHARED:-6] = J_point @ R_camera_board[rows] @ -J_moved_frame(seen.points[rows])
-        J[rows, :, -6:] = J_point @ X.rotation.T @ J_moved_frame(X.apply(points[rows]))
-    boards, poses = SHARED * len(problem.models) + 6 * seen.board, problem.num_shared + 6 * seen.instant
-    blocks = zip((SHARED * seen.camera, boards, poses), (SHARED, 6, 6), strict=True)
-    columns = np.concatenate([first[:, None] + np.arange(size) for first, size in blocks], axis=1)
-    free = np.append(problem.is_free, np.ones(6 * len(state.T_world_rig.matrix), bool))
-    return np.nan_to_num(J) * free[columns][seen.view][:, None], columns
-
-
-def J_moved_frame(points: Array) -> Array:
-    """Return d (exp(-xi) p) / d xi (N, 3, 6) at xi = 0, of points (N, 3) in a frame that moves by exp(xi)."""
-    return np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), so3.hat(points)], axis=2)
-
-
 def normal_equations(problem: AdjustmentProblem, state: RigState, errors: Array, weights: Array) -> tuple[Array, Array]:
-    """Return the weighted J^T J and J^T e of errors (N, 2)."""
-    seen, (J, columns) = problem.seen, jacobian(problem, state)
-    size = problem.num_shared + 6 * len(state.T_world_rig.matrix)
-    H, gradient = np.zeros((size, size)), np.zeros(size)
-    for rows, own in zip(seen.rows, columns, strict=True):
-        flat = J[rows].reshape(-1, J.shape[-1])
-        weighted = flat.T * np.repeat(weights[rows], 2)
-        H[np.ix_(own, own)] += weighted @ flat
-        gradient[own] += weighted @ errors[rows].ravel()
-    return H, gradient
-
-
-def _points_camera(problem: AdjustmentProblem, state: RigState) -> tuple[Array, Array]:
-    """Return the corners (N, 3) in the frames of their cameras, and the rotations (N, 3, 3) from their boards."""
-    seen = problem.seen
-    T_camera_world = (state.T_world_rig[seen.instant] @ state.T_rig_camera[seen.camera]).inverse()
-    T: SE3 = (T_camera_world @ state.T_world_board[seen.board])[seen.view]
-    return np.einsum("nij,nj->ni", T.rotation, seen.points) + T.translation, T.rotation
+    """Return the weighted J^T J and J^T e of errors (N, 2), by a step (18 C + 6 B + 6 I,); zeros for what is held."""
+    seen, boards = problem.seen, SHARED * len(problem.models)
+    is_free = np.append(problem.is_free, np.ones(6 * len(state.T_world_rig.matrix), bool))
+    firsts = (SHARED * seen.camera, SHARED), (boards + 6 * seen.board, 6), (problem.num_shared + 6 * seen.instant, 6)
+    columns = np.concatenate([first[:, None] + np.arange(count) for first, count in firsts], axis=1)
+    columns = columns[:, is_free[columns].any(axis=0)]
+    J = np.empty((*errors.shape, columns.shape[1]))
+    for k, column in enumerate(columns.T):
+        step = np.zeros(len(is_free))
+        step[column] = DIFFERENCE
+        J[..., k] = (residuals(problem, state.moved(step * is_free)) - errors) / DIFFERENCE
+    places, ends = np.repeat(columns[seen.view], 2, axis=0), np.arange(0, J.size + 1, J.shape[-1])
+    whole = csr_array((np.nan_to_num(J).ravel(), places.ravel(), ends), shape=(errors.size, len(is_free)))
+    weighted = whole.multiply(np.repeat(weights, 2)[:, None]).T
+    return (weighted @ whole).toarray(), weighted @ errors.ravel()
 
 
 def _cost(errors: Array, weights: Array, huber_px: float) -> float:
@@ -135,9 +101,6 @@ def _cost(errors: Array, weights: Array, huber_px: float) -> float:
 
 def _step(H: Array, gradient: Array, damping: float) -> Array:
     """Return the damped step; zeros where nothing is told."""
-    told = np.flatnonzero(np.diag(H) > 0)
-    scale = 1.0 / np.sqrt(np.diag(H)[told])
-    scaled = H[np.ix_(told, told)] * scale * scale[:, None] + (damping + TINY) * np.eye(len(told))
-    step = np.zeros(len(gradient))
-    step[told] = -scale * np.linalg.solve(scaled, scale * gradient[told])
-    return step
+    scale = 1.0 / np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+    scaled = H * scale * scale[:, None] + (damping + TINY) * np.eye(len(H))
+    return np.asarray(-scale * np.linalg.solve(scaled, scale * gradient))

@@ -6,11 +6,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
-from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.geometry.files.untrusted import told_at
 
 
@@ -28,24 +27,17 @@ def check(board: Board) -> None:
         )
 
 
-def find_markers(gray: Bytes, dictionary_name: str) -> tuple[NDArray[np.int32], Floats]:
-    """Return numbers (M,) and corners (M, 1, 4, 2) of the markers of a dictionary that an image (H, W) shows."""
-    corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(dictionary_name)).detectMarkers(gray)
-    found = np.zeros(0, np.int32) if numbers is None else np.asarray(numbers, np.int32).ravel()
-    return found, np.asarray(corners, np.float32).reshape(-1, 1, 4, 2)
-
-
-def find_corners(gray: Bytes, board: Board, markers: tuple[NDArray[np.int32], Floats]) -> tuple[Indices, Array]:
-    """Return numbers (n,) and pixels (n, 2) of the corners of a board whose markers were found."""
-    number, _ = markers
-    own = (number >= board.first_marker) & (number < board.first_marker + board.num_markers)
-    ids, corners = (part[own] for part in markers)
-    if len(ids) < 2 or len(np.unique(ids)) < len(ids):  # a marker twice: the board is, too
+def find_corners(gray: Bytes, board: Board) -> tuple[Indices, Array]:
+    """Return numbers (n,) and pixels (n, 2) of the corners of a board that an image (H, W) shows once."""
+    numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
+    squares, lengths = (board.columns + 1, board.rows + 1), (board.square_m, board.marker_m)
+    pattern = cv2.aruco.CharucoBoard(squares, *lengths, _dictionary(board.dictionary), numbers)
+    pattern.setLegacyPattern(board.is_legacy)
+    corners, found, _, markers = cv2.aruco.CharucoDetector(pattern).detectBoard(gray)
+    own = np.array([] if markers is None else markers[np.isin(markers, numbers)])
+    if corners is None or found is None or len(np.unique(own)) < len(own):  # a marker twice: the board is, too
         return np.zeros(0, np.intp), np.zeros((0, 2))
-    found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, list(corners), ids[:, None])
-    if found is None or numbers is None:
-        return np.zeros(0, np.intp), np.zeros((0, 2))
-    return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(found, dtype=np.float64).reshape(-1, 2)
+    return np.asarray(found, dtype=np.intp).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)
 
 
 def _dictionary(name: str) -> Any:
@@ -53,12 +45,3 @@ def _dictionary(name: str) -> Any:
     if not isinstance(number, int) or not name.startswith("DICT_"):
         raise ValueError(f"dictionary: expected a name such as DICT_4X4_250, found {name!r}")
     return cv2.aruco.getPredefinedDictionary(number)
-
-
-def _detector(board: Board) -> Any:
-    numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
-    squares = (board.columns + 1, board.rows + 1)
-    dictionary = _dictionary(board.dictionary)
-    pattern = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary, numbers)
-    pattern.setLegacyPattern(board.is_legacy)
-    return cv2.aruco.CharucoDetector(pattern)

@@ -109,21 +109,16 @@ def _refine(gray: Bytes, corners: Array, half: int) -> Array:
 
 
 def _charuco_boards(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
-    """Look for the markers of each dictionary once, then for the corners of each board among its own."""
     found = {}
-    for name in dict.fromkeys(board.dictionary for board in boards):
-        same = [board for board in boards if board.dictionary == name]
-        for board in same:
-            charuco.check(board)
-        markers = charuco.find_markers(gray, name)
-        for board in same:
-            numbers, corners = charuco.find_corners(gray, board, markers)
-            is_inside = _is_inside(gray, corners)
-            numbers, corners = numbers[is_inside], corners[is_inside]
-            if len(numbers) >= MIN_CORNERS:
-                gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
-                half = int(np.clip(gap + BLUR_PX, *HALF_WINDOW))
-                found[board.name] = numbers, _refine(gray, corners, half)
+    for board in boards:
+        charuco.check(board)
+        numbers, corners = charuco.find_corners(gray, board)
+        is_inside = _is_inside(gray, corners)
+        numbers, corners = numbers[is_inside], corners[is_inside]
+        if len(numbers) >= MIN_CORNERS:
+            gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
+            half = int(np.clip(gap + BLUR_PX, *HALF_WINDOW))
+            found[board.name] = numbers, _refine(gray, corners, half)
     return found
 
 

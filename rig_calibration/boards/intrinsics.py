@@ -44,15 +44,10 @@ def board_pose(rays: Array, points: Array) -> SE3:
 
 @dataclass(frozen=True, eq=False)
 class SingleCamera:
-    """One camera calibrated by itself: `T_camera_board` (V,) of all its views, and which corners (N,) fit.
-
-    lens (12,) with its covariance (12, 12): what the images of this camera alone say.
-    """
+    """One camera calibrated by itself, with the covariance (12, 12) of its lens: what its images alone say."""
 
     camera: Camera
-    T_camera_board: SE3
     adjusted: Adjusted
-    lens: Array
     lens_covariance: Array
 
 
@@ -72,9 +67,8 @@ def calibrate_camera(
     if not np.isfinite(min(costs)):
         raise ValueError(f"expected views that a {model} camera explains, found none of {seen.num_views}")
     adjusted = adjust(problem, states[int(np.argmin(costs))], np.ones(len(seen.pixels)))
-    state = adjusted.solution.state
-    covariance = spread(problem, state, adjusted.solution.residuals, adjusted.kept).lenses[0]
-    return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance)
+    covariance = spread(problem, adjusted.state, adjusted.residuals, adjusted.kept).lenses[0]
+    return SingleCamera(problem.camera(adjusted.state, 0), adjusted, covariance)
 
 
 def view_poses(camera: Camera, seen: Observations) -> SE3:

@@ -16,7 +16,6 @@ from rig_calibration.constants import (
     OPEN_FACTOR,
     OPEN_SHARE,
 )
-from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import NUM_LENS
 
@@ -28,7 +27,7 @@ REMEDY = "tilt the rig (roll and pitch) in front of the boards, or let neighbour
 class Spread:
     """Covariances of the adjustment: of lenses (C, 12, 12) and of poses (C, 6, 6), inf on axes that stay open.
 
-    Poses are tangents (v, omega) of `T_rig_camera @ exp(xi)` turned into the axes of the rig: xi_rig = R_rig_camera xi.
+    Poses are along and about the axes of the rig.
     """
 
     noise_px: float
@@ -49,13 +48,15 @@ class Spread:
 def spread(problem: AdjustmentProblem, state: RigState, errors: Array, kept: Array) -> Spread:
     """Return the covariances at a solution with residuals (N, 2); the noise is estimated from these."""
     reduced = information(problem, state, kept)
-    free = np.flatnonzero(problem.is_free & (np.diag(reduced) > 0))
+    free = np.flatnonzero(np.diag(reduced) > 0)
     num_poses = len(np.unique(problem.seen.instant[problem.seen.view[kept > 0]]))
     num_left = max(2 * int(np.count_nonzero(kept)) - len(free) - 6 * num_poses, 1)
     noise = float(np.sqrt(np.sum(errors[kept > 0] ** 2) / num_left))
     covariance = np.zeros_like(reduced)
     covariance[np.ix_(free, free)] = noise**2 * _inverse(reduced[np.ix_(free, free)])
-    return _by_camera(covariance, state.T_rig_camera, noise)
+    firsts = range(0, SHARED * len(state.lenses), SHARED)
+    own = np.stack([covariance[first : first + SHARED, first : first + SHARED] for first in firsts])
+    return Spread(noise, own[:, :NUM_LENS, :NUM_LENS], own[:, NUM_LENS:, NUM_LENS:])
 
 
 def warnings(names: Sequence[str], found: Spread) -> list[str]:
@@ -85,24 +86,3 @@ def _inverse(matrix: Array) -> Array:
     lost = np.flatnonzero(share > OPEN_SHARE)
     inverse[lost, lost] = np.inf
     return inverse
-
-
-def _by_camera(covariance: Array, T_rig_camera: SE3, noise: float) -> Spread:
-    lenses, poses = [], []
-    for camera, R in enumerate(T_rig_camera.rotation):
-        first = SHARED * camera
-        lenses.append(covariance[first : first + NUM_LENS, first : first + NUM_LENS])
-        rows = slice(first + NUM_LENS, first + SHARED)
-        poses.append(_rotate_covariance(covariance[rows, rows], R))
-    return Spread(noise, np.stack(lenses), np.stack(poses))
-
-
-def _rotate_covariance(covariance: Array, R: Array) -> Array:
-    """Turn a covariance (6, 6) into other axes; an open axis stays open along all axes it has a part of."""
-    both = np.kron(np.eye(2), R)
-    is_open = np.isinf(np.diag(covariance))
-    finite = np.where(np.isinf(covariance), 0.0, covariance)
-    turned = both @ finite @ both.T
-    lost = np.any(np.abs(both[:, is_open]) > 0.03, axis=1)
-    turned[lost, lost] = np.inf
-    return turned

@@ -32,6 +32,7 @@ from rig_calibration.constants import (
 )
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array, Flags
+from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.photometric.constants import CELLS
 
 REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
@@ -74,9 +75,8 @@ def covered_cells(problem: AdjustmentProblem, kept: Array) -> Flags:
     """Return whether a corner fell into each cell of every image (C, rows, columns)."""
     found = np.zeros((len(problem.models), CELLS[1], CELLS[0]), np.bool_)
     for camera, rows in problem.seen.camera_slices:
-        pixels = problem.seen.pixels[rows][kept[rows] > 0]
-        u, v = np.clip(np.floor(pixels / problem.sizes[camera] * CELLS).astype(int), 0, np.array(CELLS) - 1).T
-        found[camera, v, u] = True
+        (u, v), (width, height) = problem.seen.pixels[rows][kept[rows] > 0].T, problem.sizes[camera]
+        found[camera] = np.histogram2d(v, u, CELLS[::-1], ((0, height), (0, width)))[0] > 0
     return found
 
 
@@ -117,7 +117,7 @@ def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses:
     lines = []
     for name, single, lens in zip(names, singles, lenses, strict=True):
         if len(names) > 1 and (chance := lens_chance(single, lens)) < FALSE_ALARM:
-            moved = ", ".join(f"{change:+.2f}" for change in (lens - single.lens)[:4])
+            moved = ", ".join(f"{change:+.2f}" for change in (lens - lens_of(single.camera))[:4])
             found = f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})"
             lines.append(f"{name}: by itself and with the others it is not the same camera: {found}")
     return [*lines, REMEDY] if lines else []
@@ -127,7 +127,7 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     """Return how often chance alone would move a lens (12,) so far from the camera's own."""
     free = np.diag(single.lens_covariance) > 0
     scale = np.sqrt(np.diag(single.lens_covariance)[free])
-    change = (lens - single.lens)[free] / scale
+    change = (lens - lens_of(single.camera))[free] / scale
     correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
     if not np.all(np.isfinite(correlation)):
         return 1.0

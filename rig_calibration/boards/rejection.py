@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import Solution, residuals, rms_px, solve
+from rig_calibration.boards.bundle import residuals, rms_px, solve
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
@@ -26,9 +26,10 @@ from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
-    """A solution, the weights (N,) 0 or 1 of the corners, and why views were left out, by their index."""
+    """A state, its residuals (N, 2), weights (N,) 0 or 1 of corners, and why views were left out, by their index."""
 
-    solution: Solution
+    state: RigState
+    residuals: Array
     kept: Array
     dropped: dict[int, str]
 
@@ -40,21 +41,18 @@ def adjust(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Adjusted:
     """Adjust until the same corners are rejected; those that come with weight 0, and views once left out, stay out."""
-    seen = problem.seen
+    seen, allowed, state, errors = problem.seen, kept, start, residuals(problem, start)
     dropped: dict[int, str] = {}
-    allowed = kept
-    solution = solve(problem, start, kept, HUBER * noise_px(residuals(problem, start), kept), max_iterations=25)
     for number in range(MAX_ROUNDS):
-        progress(f"adjusting, round {number + 1}: {rms_px(solution.residuals, kept):.3f} px")
-        remaining, found = reject(seen, solution.residuals, allowed)
+        state, errors = solve(problem, state, kept, HUBER * noise_px(errors, kept), max_iterations=25)
+        progress(f"adjusting, round {number + 1}: {rms_px(errors, kept):.3f} px")
+        before = kept
+        kept, found = reject(seen, errors, allowed)
         dropped |= found
-        is_settled = number > 0 and np.array_equal(remaining, kept)
-        allowed, kept = np.where(np.isin(seen.view, list(dropped)), 0.0, allowed), remaining
-        if is_settled:
+        allowed = np.where(np.isin(seen.view, list(dropped)), 0.0, allowed)
+        if number > 0 and np.array_equal(kept, before):
             break
-        huber_px = HUBER * noise_px(solution.residuals, kept)
-        solution = solve(problem, solution.state, kept, huber_px, max_iterations=25)
-    return Adjusted(solve(problem, solution.state, kept), kept, dropped)
+    return Adjusted(*solve(problem, state, kept), kept, dropped)
 
 
 def reject(seen: Observations, errors: Array, kept: Array) -> tuple[Array, dict[int, str]]:

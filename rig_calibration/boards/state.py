@@ -8,11 +8,11 @@ import numpy as np
 
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import NUM_DISTORTION
-from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, free_parameters
 
-SHARED = NUM_LENS + 6  # parameters of a camera: lens, then its tangent (v, omega)
+SHARED = NUM_LENS + 6  # parameters of a camera: lens, then along and about the axes of the rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,15 @@ class RigState:
     T_world_rig: SE3
 
     def moved(self, step: Array) -> RigState:
-        """Add a step (18 C + 6 B + 6 I,) of cameras, boards and rig poses; tangents act from the right."""
+        """Add a step (18 C + 6 B + 6 I,) of cameras, boards and rig poses.
+
+        Cameras move along and turn about the axes of the rig; tangents of the others act from the right.
+        """
         lenses, boards = SHARED * len(self.lenses), 6 * len(self.T_world_board.matrix)
-        cameras = step[:lenses].reshape(-1, SHARED)
+        lens, move, turn = np.split(step[:lenses].reshape(-1, SHARED), [NUM_LENS, NUM_LENS + 3], axis=1)
         return RigState(
-            self.lenses + cameras[:, :NUM_LENS],
-            self.T_rig_camera @ SE3.exp(cameras[:, NUM_LENS:]),
+            self.lenses + lens,
+            SE3.from_parts(so3.exp(turn) @ self.T_rig_camera.rotation, self.T_rig_camera.translation + move),
             self.T_world_board @ SE3.exp(step[lenses : lenses + boards].reshape(-1, 6)),
             self.T_world_rig @ SE3.exp(step[lenses + boards :].reshape(-1, 6)),
         )

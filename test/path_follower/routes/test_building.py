@@ -119,6 +119,8 @@ def test_a_network_begins_at_home_wherever_that_is(drive):
     (edge,) = network.edges.values()
     assert (network.map_id, network.places) == ("campus", {"home": edge.start})
     assert network.nodes[edge.start] == pytest.approx(start)
+    network = build_network([drive((60, 0)), drive((40, 0), start=(-40.0, 0.0, 0.0))])  # which ends where home is
+    assert sorted(edge.length for edge in network.edges.values()) == pytest.approx([40.0, 60.0], abs=0.1)
 
 
 def test_an_edge_that_was_driven_backwards_is_reversible(drive):

@@ -52,17 +52,16 @@ def test_a_wide_lens_comes_back_in_its_own_model():
     assert np.degrees(np.arccos(rays[:, 2].min())) > 75.0
     angle = np.linalg.norm(np.cross(found.camera.unproject(views.pixels), rays), axis=1)
     assert np.degrees(angle.max()) < 0.1  # a tenth of a pixel is 0.03 degrees
-    assert rms_px(found.adjusted.solution.residuals, found.adjusted.kept) < 0.15
+    assert rms_px(found.adjusted.residuals, found.adjusted.kept) < 0.15
 
 
 def test_a_disturbed_solution_settles_where_it_was(seen, single):
     problem = rig_problem(("pinhole",), ((640, 480),), seen)
-    best = single.adjusted.solution
+    best, kept = single.adjusted, single.adjusted.kept
     disturbed = best.state.moved(np.append(np.zeros(24), np.full(90, 0.01)))
-    again = solve(problem, disturbed, single.adjusted.kept)
-    kept = single.adjusted.kept
-    assert rms_px(again.residuals, kept) == pytest.approx(rms_px(best.residuals, kept), rel=1e-6)
-    assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
+    _, again = solve(problem, disturbed, kept)
+    assert rms_px(again, kept) == pytest.approx(rms_px(best.residuals, kept), rel=1e-6)
+    assert camera_rms(problem, again, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
 
 
 def test_what_views_tell_of_a_lens_is_what_is_left_when_their_poses_are_free(seen):

@@ -7,7 +7,7 @@ import pytest
 
 from rig_calibration.boards import observability
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.state import SHARED
+from rig_calibration.boards.state import SHARED, RigState
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry import SE3
@@ -54,14 +54,15 @@ def test_errors_scatter_as_the_report_promises():
 
 
 def test_what_is_weak_is_told_in_the_axes_of_the_rig(monkeypatch):
-    """Weakest along the optical axis, 20 deg about it: of a camera that looks ahead these are x and roll."""
+    """A camera moves along and turns about the axes of the rig, whatever way it looks, and so it is told."""
+    poses = SE3(T_BODY_OPTICAL.matrix[None])
+    moved = RigState(np.zeros((1, NUM_LENS)), poses, poses, poses).moved(np.eye(30)[NUM_LENS])
+    np.testing.assert_allclose(moved.T_rig_camera.translation, [[1.0, 0.0, 0.0]])
     variance = np.full(SHARED, 1e-6)
-    variance[NUM_LENS + np.array([2, 5])] = 0.01, np.radians(20.0) ** 2
+    variance[NUM_LENS + np.array([0, 3])] = 0.01, np.radians(20.0) ** 2
     monkeypatch.setattr(observability, "information", lambda *_: np.diag(1.0 / variance))
-    seen = SimpleNamespace(instant=np.zeros(1, int), view=np.zeros(100, int))
-    problem = SimpleNamespace(is_free=np.ones(SHARED, bool), seen=seen)
-    state = SimpleNamespace(T_rig_camera=SE3(T_BODY_OPTICAL.matrix[None]))
-    found = observability.spread(problem, state, np.ones((100, 2)), np.ones(100))
+    problem = SimpleNamespace(seen=SimpleNamespace(instant=np.zeros(1, int), view=np.zeros(100, int)))
+    found = observability.spread(problem, moved, np.ones((100, 2)), np.ones(100))
     np.testing.assert_allclose(found.pose_std[0, [1, 2]] / found.pose_std[0, 0], 0.01)
     np.testing.assert_allclose(found.pose_std[0, [4, 5]] / found.pose_std[0, 3], 1e-3 / np.radians(20.0))
     x, roll, _ = observability.warnings(("front",), found)

@@ -100,30 +100,27 @@ def test_few_views_give_a_lens_and_a_warning(found):
     assert not any("no tilt" in line for line in found.warnings)
 
 
-COVARIANCE = np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8])  # the distortion is held
-
-
-def single():
-    lens = np.array([300.0, 300.0, 320.0, 240.0, *[0.0] * 8])
-    return SimpleNamespace(lens=lens, lens_covariance=COVARIANCE)
+OWN = SimpleNamespace(
+    camera=Pinhole(640, 480, 300.0, 300.0, 320.0, 240.0),
+    lens_covariance=np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8]),  # the distortion is held
+)
+LENS = lens_of(OWN.camera)
 
 
 def test_the_chance_of_a_change_is_that_of_its_deviations(rng):
-    own = single()
-    changes = rng.multivariate_normal(np.zeros(12), COVARIANCE, 2000)
-    chances = np.array([lens_chance(own, own.lens + change) for change in changes])
+    changes = rng.multivariate_normal(np.zeros(12), OWN.lens_covariance, 2000)
+    chances = np.array([lens_chance(OWN, LENS + change) for change in changes])
     for level in (0.01, 0.1, 0.5):
         assert np.mean(chances < level) == pytest.approx(level, abs=4 * np.sqrt(level * (1 - level) / 2000))
 
 
 def test_a_lens_that_changes_is_told_by_what_moved():
-    own = single()
-    moved = own.lens + np.array([0.1, -1.5, *[0.0] * 10])
-    (line, _) = disagreements(["a", "b"], [own, own], np.stack([own.lens, moved]))
+    moved = LENS + np.array([0.1, -1.5, *[0.0] * 10])
+    (line, _) = disagreements(["a", "b"], [OWN, OWN], np.stack([LENS, moved]))
     assert line.startswith("b: by itself and with the others it is not the same camera: fx, fy, cx, cy moved by ")
     assert "-1.50" in line
-    assert disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2)) == []
-    assert disagreements(["b"], [own], moved[None]) == []
+    assert disagreements(["a", "b"], [OWN, OWN], np.stack([LENS] * 2)) == []
+    assert disagreements(["b"], [OWN], moved[None]) == []
 
 
 SMALL_BOARD = Board("b", 6, 4, 0.1)

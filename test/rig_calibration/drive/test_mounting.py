@@ -36,7 +36,6 @@ def test_a_drive_over_bumps_tells_all():
     assert found.unobserved == ()
 
 
-@pytest.mark.slow
 def test_a_camera_that_looks_back_is_found_without_a_start():
     camera = SE3.from_angles(0.0, 0.1, np.pi, [-0.4, 0.2, 0.8])
     found = find_mounting(*drive(np.random.default_rng(2), camera=camera, noise_m=1e-3, noise_rad=5e-4))

@@ -64,6 +64,7 @@ def off_in_sigmas(judged, truth):
     return np.abs(judged.found.lens.values[:MAP] - truth.values) / sigma
 
 
+@pytest.mark.slow
 def test_a_wrong_lens_is_replaced_by_one_that_is_as_unsure_as_its_halves_differ(rooms):
     judged = prove(drive(rooms, rooms[1], [CAMERA] * 6, OTHER), Lens.of(OTHER))
     assert judged.reasons == ()
@@ -91,6 +92,7 @@ def test_halves_of_two_lenses_are_refused(rooms):
     assert any("time between two images, found" in reason for reason in judged.reasons)
 
 
+@pytest.mark.slow
 def test_a_lens_in_a_map_of_a_wrong_lens_is_as_uncertain_as_that_one(rooms):
     judged = prove(drive(rooms, rooms[2], [CAMERA] * 6, CAMERA, turn=0.03), Lens.of(CAMERA, READOUT_S))
     relative = judged.found.deviations["fx"] / CAMERA.fx
@@ -112,7 +114,7 @@ def test_what_a_wrong_lens_made_of_a_map_grows_with_the_tangent_as_far_as_it_is_
     errors, z = 0.01 * np.arange(1.0, 7.0), 2.0
     lens = replace(Lens.of(CAMERA), map_errors=tuple(errors))
     for tangent, known in ((-0.5, -0.5), (1.5, 1.5), (2.5, 1.5)):
-        ((found,), _) = lens.correct_map(np.array([[z * tangent, 0.0, z]]))
+        (found,) = lens.correct_map(np.array([[z * tangent, 0.0, z]]))
         off = -known * (errors[0] + errors[4] * known**2 + errors[5] * known**4) - errors[2]
         np.testing.assert_allclose(found, [z * (tangent + off), -z * errors[3], z])
 
