@@ -82,6 +82,7 @@ SGBM = {
 }
 SEAM_COLUMNS = 32  # beyond the seam that the matcher sees, so that it knows no seam
 NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
+STRIP_COLUMNS = 64  # whose costs are in memory at a time
 COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
 MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 

@@ -9,10 +9,6 @@ from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 SCALE = 16.0  # levels are sixteenths of a grey level
-NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
-COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
-ELSEWHERE = np.where(np.abs(np.subtract.outer(*[np.arange(NUM_DISPARITIES)] * 2)) <= 2, 32767, -32768).astype(np.int16)
-COST_NOISE = 4  # quarter grey levels: added to every difference, so that noise decides nothing
 
 
 @njit(**OPTIONS)
@@ -53,73 +49,6 @@ def warp_by_range(inverse_range, directions, row, column, lens, u, v):
                 top = table[k, c] + fu[i] * (table[k + 1, c] - table[k, c])
                 low = table[k + side, c] + fu[i] * (table[k + side + 1, c] - table[k + side, c])
                 out[y, i] = top + fv[i] * (low - top)
-
-
-@njit(**OPTIONS)
-def _exchange_costs(level, low, high, old_level, old_low, old_high, costs):
-    """Add the costs of a level against low, high (NUM_DISPARITIES,) i16 to costs, alike, and take old ones away."""
-    zero, cap = np.int16(0), np.int16(COST_CAP)
-    for k in range(NUM_DISPARITIES):
-        new = max(max(np.int16(level - high[k]), np.int16(low[k] - level)), zero)
-        old = max(max(np.int16(old_level - old_high[k]), np.int16(old_low[k] - old_level)), zero)
-        costs[k] += np.int16(min(new, cap) - min(old, cap))
-
-
-@njit(**OPTIONS)
-def _least_costs(block, at, mask):
-    """Return the least of block (NUM_DISPARITIES,) i16 within one of `at`, and the least of those not within two.
-
-    mask, alike: the row of ELSEWHERE. Nothing is written: loads of vectors would wait for what was stored in parts.
-    """
-    here = elsewhere = np.int16(32767)
-    for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
-        here = block[k] if block[k] < here else here
-    for k in range(NUM_DISPARITIES):
-        cost = block[k] if block[k] > mask[k] else mask[k]
-        elsewhere = cost if cost < elsewhere else elsewhere
-    return here, elsewhere
-
-
-@njit(**OPTIONS)
-def cost_ratios(top, low, high, disparity, first, radius, ratio):
-    """Write the least cost of a block elsewhere over that at a disparity to ratio (W, H); NaN unknown.
-
-    top (W + 2 radius, H) i16: columns one after the other. low, high (W + 2 radius, H + NUM_DISPARITIES - 1) i16: the
-    least and largest level of the lower image half a pixel up and down, alike, from the lowest row upwards, continued
-    so that row v - first of the image is at H - 1 - v. disparity, ratio (W, H) f32. The cost of a block of
-    (2 radius + 1)^2 px is the sum of how far levels are outside of these (Birchfield and Tomasi 1998: no disparity
-    gains by where it falls between pixels), up to COST_CAP, and of COST_NOISE; disparities from `first` on are
-    compared, those within two of the given one not being elsewhere. 9 x 9 px stay within int16.
-    """
-    width, height = ratio.shape
-    floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
-    sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
-    nothing, zero = np.zeros_like(block), np.int16(0)
-    for u in range(-2 * radius, width):
-        new, old = u + 2 * radius, u - 1
-        for v in range(height):  # slices of constant length: no index that could be negative, so vectors
-            seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
-            gone, below, above = (top[old, v], low[old, seen], high[old, seen]) if u > 0 else (zero, nothing, nothing)
-            _exchange_costs(top[new, v], low[new, seen], high[new, seen], gone, below, above, sums[v])
-        if u < 0:
-            continue
-        block[:] = 0
-        for v in range(-radius, radius):
-            row = sums[max(v, 0)]
-            for k in range(NUM_DISPARITIES):
-                block[k] += row[k]
-        last = nothing
-        for v in range(height):
-            row = sums[min(v + radius, height - 1)]
-            for k in range(NUM_DISPARITIES):
-                block[k] += np.int16(row[k] - last[k])
-            last = sums[max(v - radius, 0)]
-            d = disparity[u, v]
-            ratio[u, v] = np.nan
-            if not np.isnan(d):
-                at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
-                here, elsewhere = _least_costs(block, at, ELSEWHERE[at])
-                ratio[u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
 
 
 @njit(**OPTIONS)

@@ -1,4 +1,4 @@
-"""Loops of the sweep on the sphere. Plain arrays in, plain arrays out; the callers check shapes.
+"""Loops of the sweep on the sphere, and costs of matches. Plain arrays in and out; the callers check shapes.
 
 Loops over columns or hypotheses have no branches and one index each, so that they become vectors.
 """
@@ -19,6 +19,9 @@ WALL = 12000  # cost beside the first and the last hypothesis
 NUM_TERMS = 7  # of a step: whether cameras see, degrees of freedom, g g, g e, e e, px by x squared, gradient squared
 NUM_SUMS = 10  # over cameras: 1, I, I I, G, G G, G I, du, dv, du^2 + dv^2, squared gradient
 INDEPENDENT = 1.69  # squared 1.3: errors of neighbors are not independent (`constants.STD_FACTOR`)
+NUM_DISPARITIES = 48  # searched at each level along columns
+DISPARITY_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts there
+COST_NOISE = 4  # quarter grey levels: added to every such difference, so that noise decides nothing
 CHUNK = 128  # columns that are worked on at a time, so that what is between stays in the cache
 
 
@@ -92,36 +95,71 @@ def sweep(table, step, images, starts, sizes, cameras, numbers, first, last, cos
 
 
 @njit(**OPTIONS)
-def sum_blocks(cost, radius, out):
-    """Write sums over (2 radius + 1)^2 px of cost (H, W, K) u8 to out (H, W, K) i16; columns wrap around.
+def compare_levels(top, low, high, cost):
+    """Write how far levels are outside of what they are compared with, up to DISPARITY_CAP, to cost (W, H, K) u8.
 
-    Above the first row and below the last one these are repeated.
+    top (W, H) i16: columns one after the other. low, high (W, H + K - 1) i16: the least and largest level of the lower
+    image half a pixel up and down, alike, from the lowest row upwards; row v at the k-th disparity is at H - 1 - v + k.
     """
-    height, width = cost.shape[:2]
-    sums, total = np.zeros((width, NUM_HYPOTHESES), np.int16), np.zeros(NUM_HYPOTHESES, np.int16)
-    for v in range(-2 * radius, height):  # the rows of the first block, one after the other
-        new, old = min(max(v + radius, 0), height - 1), max(v - radius - 1, 0)
+    width, height, number = cost.shape
+    zero, cap = np.int16(0), np.int16(DISPARITY_CAP)
+    for u in range(width):
+        for v in range(height):
+            seen, level, out = slice(height - 1 - v, height - 1 - v + number), top[u, v], cost[u, v]
+            least, largest = low[u, seen], high[u, seen]
+            for k in range(number):
+                off = max(max(np.int16(level - largest[k]), np.int16(least[k] - level)), zero)
+                out[k] = np.uint8(min(off, cap))
+
+
+@njit(**OPTIONS)
+def sum_blocks(cost, radius, out):
+    """Write sums over (2 radius + 1)^2 px of cost (H, W, K) u8 to out (H - 2 radius, W - 2 radius, K) i16."""
+    height, width, number = cost.shape
+    size = 2 * radius + 1
+    sums, total = np.zeros((width, number), np.int16), np.zeros(number, np.int16)
+    nothing, none = np.zeros(number, np.uint8), np.zeros(number, np.int16)
+    for v in range(height):
         for u in range(width):
-            fresh, gone, column = cost[new, u], cost[old, u], sums[u]
-            if v <= 0:
-                for k in range(NUM_HYPOTHESES):
-                    column[k] += np.int16(fresh[k])
-            else:
-                for k in range(NUM_HYPOTHESES):
-                    column[k] += np.int16(np.int16(fresh[k]) - np.int16(gone[k]))
-        if v < 0:
-            continue
+            fresh, gone, column = cost[v, u], cost[v - size, u] if v >= size else nothing, sums[u]
+            for k in range(number):
+                column[k] += np.int16(np.int16(fresh[k]) - np.int16(gone[k]))
         total[:] = 0
-        for i in range(-radius, radius):
-            column = sums[i % width]
-            for k in range(NUM_HYPOTHESES):
-                total[k] += column[k]
-        for u in range(width):
-            column, gone, block = sums[(u + radius) % width], sums[(u - radius) % width], out[v, u]
-            for k in range(NUM_HYPOTHESES):
-                now = np.int16(total[k] + column[k])
-                block[k] = now
-                total[k] = np.int16(now - gone[k])
+        for u in range(width if v >= 2 * radius else 0):
+            column, left = sums[u], sums[u - size] if u >= size else none
+            for k in range(number):
+                total[k] += np.int16(column[k] - left[k])
+            if u >= 2 * radius:
+                out[v - 2 * radius, u - 2 * radius] = total
+
+
+@njit(**OPTIONS)
+def _least_costs(block, at):
+    """Return the least of block (K,) i16 within one of `at`, and the least of those not within two."""
+    big = np.int16(32767)
+    here = elsewhere = big
+    for k in range(block.size):
+        off = abs(k - at)
+        here = min(here, block[k] if off <= 1 else big)
+        elsewhere = min(elsewhere, block[k] if off > 2 else big)
+    return np.float32(here), np.float32(elsewhere)
+
+
+@njit(**OPTIONS)
+def cost_ratios(block, disparity, first, floor, ratio):
+    """Write the least cost of a block elsewhere over that at a disparity to ratio (W, H); NaN unknown.
+
+    block (W, H, K) i16: costs at disparities from `first` on; disparity, ratio (W, H) f32. `floor` is added to both.
+    """
+    width, height, number = block.shape
+    for u in range(width):
+        for v in range(height):
+            d = disparity[u, v]
+            ratio[u, v] = np.nan
+            if not np.isnan(d):
+                at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), number - 1)
+                here, elsewhere = _least_costs(block[u, v], at)
+                ratio[u, v] = (elsewhere + floor) / (here + floor)
 
 
 @njit(**OPTIONS)
@@ -190,13 +228,11 @@ def choose(total, block, floor, min_ratio, min_margin, found):
             for k in range(1, NUM_HYPOTHESES):
                 if costs[k] < least:
                     best, least = k, costs[k]
-            second, here, elsewhere = big, big, big
+            second = big
             for k in range(NUM_HYPOTHESES):
-                off = abs(k - best)
-                second = min(second, costs[k] if off > 1 else big)
-                here = min(here, own[k] if off <= 1 else big)
-                elsewhere = min(elsewhere, own[k] if off > 2 else big)
-            is_clear = np.float32(elsewhere) + floor >= min_ratio * (np.float32(here) + floor)
+                second = min(second, costs[k] if abs(k - best) > 1 else big)
+            here, elsewhere = _least_costs(own, best)
+            is_clear = elsewhere + floor >= min_ratio * (here + floor)
             is_clear &= np.float32(second) >= min_margin * np.float32(least)
             found[v, u] = np.nan
             if is_clear and best < NUM_HYPOTHESES - 2:

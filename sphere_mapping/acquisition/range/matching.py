@@ -36,12 +36,9 @@ from sphere_mapping.acquisition.constants import (
     STEP_LIMIT,
     STEPS_AGAIN,
 )
-from sphere_mapping.acquisition.kernels import (
-    NUM_DISPARITIES,
-    align_along_columns,
-    smooth,
-)
+from sphere_mapping.acquisition.kernels import align_along_columns, smooth
 from sphere_mapping.acquisition.params import MatchParams
+from sphere_mapping.acquisition.range.kernels import NUM_DISPARITIES
 from sphere_mapping.acquisition.range.levels import (
     around,
     at_jumps,

@@ -25,8 +25,15 @@ from sphere_mapping.acquisition.constants import (
     ORDER_COLUMNS,
     SEAM_COLUMNS,
     SGBM,
+    STRIP_COLUMNS,
 )
-from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
+from sphere_mapping.acquisition.range.kernels import (
+    COST_NOISE,
+    NUM_DISPARITIES,
+    compare_levels,
+    cost_ratios,
+    sum_blocks,
+)
 from sphere_mapping.acquisition.range.levels import around
 from sphere_nav.geometry.arrays import Bytes, Floats
 
@@ -65,13 +72,18 @@ def compare_costs(top: Bytes, bottom: Bytes, disparity: Floats, first: int, *, i
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
     start = np.ascontiguousarray(disparity.T)
-    ratio = np.empty_like(start)
+    ratio, floor = np.empty_like(start), np.float32(COST_NOISE * (2 * margin + 1) ** 2)
 
     def work(begin: int, end: int) -> None:
         wide = slice(begin, end + 2 * margin)
-        cost_ratios(above[wide], least[wide], largest[wide], start[begin:end], first, margin, ratio[begin:end])
+        cost = np.empty((end - begin + 2 * margin, height, NUM_DISPARITIES), np.uint8)
+        compare_levels(above[wide], least[wide], largest[wide], cost)
+        cost = cv2.copyMakeBorder(cost, 0, 0, margin, margin, cv2.BORDER_REPLICATE)
+        block = np.empty((end - begin, height, NUM_DISPARITIES), np.int16)
+        sum_blocks(cost, margin, block)
+        cost_ratios(block, start[begin:end], first, floor, ratio[begin:end])
 
-    in_strips(work, top.shape[1], jobs)
+    in_strips(work, len(start), jobs, -(-len(start) // STRIP_COLUMNS))
     return ratio.T
 
 

@@ -141,8 +141,9 @@ class SphereSweep:
         block, wide, total = (np.zeros(cost.shape, np.int16) for _ in range(3))
         tables = (self._table, GRID_STEP, images, level.starts, level.sizes, sight.cameras, sight.numbers)
         in_strips(lambda *rows: sweep(*tables, *rows, cost), shape[0], self._jobs)
-        sum_blocks(cost, SWEEP_RADIUS, block)
-        sum_blocks(cost, COST_RADIUS, wide)
+        for radius, sums in ((SWEEP_RADIUS, block), (COST_RADIUS, wide)):
+            padded = around(cost, radius, is_whole=True)
+            sum_blocks(cv2.copyMakeBorder(padded, radius, radius, 0, 0, cv2.BORDER_REPLICATE), radius, sums)
         sum_paths(block, *np.array(SWEEP_PENALTIES, np.int16), total)
         found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
         choose(total, wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
