@@ -52,8 +52,8 @@ def warp_by_range(inverse_range, directions, row, column, lens, u, v):
 
 
 @njit(**OPTIONS)
-def compare_row(top, bottom, disparity, v, terms):
-    """Write what one step of alignment needs to terms (6, W) i32: 1, s, e, s^2, s e, e^2 of row v; 0 where unknown.
+def compare_images(top, bottom, disparity, terms):
+    """Write what one step of alignment needs to terms (6, H, W) i32: 1, s, e, s^2, s e, e^2; 0 where unknown.
 
     top, bottom (H, W) u8; disparity (H, W) f32. e = bottom(v - d) - top(v), s = mean slope of both along the column,
     bottom interpolated by cubic convolution; both in sixteenths of a grey level, so that sums are exact.
@@ -66,54 +66,37 @@ def compare_row(top, bottom, disparity, v, terms):
         np.float32(2.0),
         np.float32(3.0),
     )
-    if v < 1 or v >= height - 1:
-        terms[:] = 0
-        return
-    row, last, stride = np.float32(v), np.float32(height - 2), np.int32(width)
-    above, middle, below, lower, d = top[v - 1], top[v], top[v + 1], bottom.ravel(), disparity[v]
-    for u in range(width):
-        y = row - d[u]
-        is_inside = (y >= one) & (y < last)  # not so where d is NaN
-        y = y if is_inside else one
-        y0 = np.int32(y)
-        f = y - np.float32(y0)
-        at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
-        p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
-        p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
-        k1 = half * (p2 - p0)
-        k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
-        k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
-        value = p1 + f * (k1 + f * (k2 + f * k3))
-        slope = k1 + f * (two * k2 + f * three * k3)
-        across = half * (np.float32(below[u]) - np.float32(above[u]))
-        n = np.int32(1) if is_inside else np.int32(0)
-        s = np.int32(np.floor(half * (slope + across) * scale + half)) * n
-        e = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n
-        terms[0, u] = n
-        terms[1, u] = s
-        terms[2, u] = e
-        terms[3, u] = s * s
-        terms[4, u] = s * e
-        terms[5, u] = e * e
+    terms[:, 0], terms[:, height - 1] = 0, 0
+    last, stride, lower = np.float32(height - 2), np.int32(width), bottom.ravel()
+    for v in range(1, height - 1):
+        row, above, middle, below, d = np.float32(v), top[v - 1], top[v], top[v + 1], disparity[v]
+        n, s, e, ss, se, ee = terms[0, v], terms[1, v], terms[2, v], terms[3, v], terms[4, v], terms[5, v]
+        for u in range(width):
+            y = row - d[u]
+            is_inside = (y >= one) & (y < last)  # not so where d is NaN
+            y = y if is_inside else one
+            y0 = np.int32(y)
+            f = y - np.float32(y0)
+            at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
+            p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
+            p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+            k1 = half * (p2 - p0)
+            k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
+            k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
+            value = p1 + f * (k1 + f * (k2 + f * k3))
+            slope = k1 + f * (two * k2 + f * three * k3)
+            across = half * (np.float32(below[u]) - np.float32(above[u]))
+            n[u] = np.int32(1) if is_inside else np.int32(0)
+            s[u] = np.int32(np.floor(half * (slope + across) * scale + half)) * n[u]
+            e[u] = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n[u]
+            ss[u], se[u], ee[u] = s[u] * s[u], s[u] * e[u], e[u] * e[u]
 
 
 @njit(**OPTIONS)
-def add_along(row, size, before, total):
-    """Write the sums of `size` neighbours of row (W,) i32 to total (W - size + 1,), by sums before (W + 1,)."""
-    before[0], so_far = 0, np.int32(0)
-    for u in range(row.size):
-        so_far = np.int32(so_far + row[u])  # may go around: differences are right all the same
-        before[u + 1] = so_far
-    after = before[size:]
-    for u in range(row.size - size + 1):
-        total[u] = after[u] - before[u]
+def step_blocks(sums, limits, start, disparity, information, left):
+    """Move disparity (N,) f32 to where its block beside a constant, and its match, make it most probable.
 
-
-@njit(**OPTIONS)
-def step_row(sums, limits, start, disparity, information, left):
-    """Move disparity (W,) f32 to where its block beside a constant, and its match, make it most probable.
-
-    sums (6, W) i32: of the terms over the block; limits: largest step in px, least pixels of a block, variance of a
+    sums (6, N) i32: of the terms over the block; limits: largest step in px, least pixels of a block, variance of a
     grey level, variance of a match in px^2; start: the match. information: 1 / variance of the result by the slopes and
     by what is left, not by the match; left: mean squared difference that is left, over what noise and contrast allow;
     all alike. No branches, so vectors.
@@ -136,38 +119,6 @@ def step_row(sums, limits, start, disparity, information, left):
         left[u] = residual / (noise + ss) if is_known else np.float32(np.inf)
         information[u] = ss * n * half / max(residual, noise) if is_known else zero
         disparity[u] = d + min(max(step, -limit), limit) if is_known else d
-
-
-@njit(**OPTIONS)
-def align_along_columns(top, bottom, start, limits, radius, disparity, information, left):
-    """Do one step of alignment of every block of (2 radius + 1)^2 px; arrays (H, W): u8 images, else f32.
-
-    A block's pixels keep the disparity they had before the step: a row's terms are computed before any row of its
-    block moves. The outer `radius` columns stay as they are.
-    """
-    height, width = top.shape
-    size = 2 * radius + 1
-    ring, fresh = np.zeros((size, 6, width), np.int32), np.zeros((6, width), np.int32)
-    sums, blocks = np.zeros((6, width), np.int32), np.zeros((6, width - size + 1), np.int32)
-    spare, inner = np.zeros(width + 1, np.int32), slice(radius, width - radius)
-    for v in range(height + radius):
-        oldest = ring[v % size]
-        if v < height:
-            compare_row(top, bottom, disparity, v, fresh)
-        else:
-            fresh[:] = 0
-        for k in range(6):
-            total, new, old = sums[k], fresh[k], oldest[k]
-            for u in range(width):
-                total[u] += new[u] - old[u]
-                old[u] = new[u]
-        row = v - radius
-        if row >= 0:
-            for k in range(6):
-                add_along(sums[k], size, spare, blocks[k])
-            step_row(
-                blocks, limits, start[row, inner], disparity[row, inner], information[row, inner], left[row, inner]
-            )
 
 
 @njit(cache=True, nogil=True)

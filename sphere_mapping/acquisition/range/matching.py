@@ -36,7 +36,7 @@ from sphere_mapping.acquisition.constants import (
     STEP_LIMIT,
     STEPS_AGAIN,
 )
-from sphere_mapping.acquisition.kernels import align_along_columns, smooth
+from sphere_mapping.acquisition.kernels import compare_images, smooth, step_blocks
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.kernels import NUM_DISPARITIES
 from sphere_mapping.acquisition.range.levels import (
@@ -199,12 +199,17 @@ def _refine_strip(
     top: Bytes, bottom: Bytes, start: Floats, sizes: tuple[int, int], params: MatchParams, value: Floats, std: Floats
 ) -> None:
     """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
-    (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
+    (margin, num_steps), side = sizes, 2 * REFINE_RADIUS + 1
     start = smooth(start, REFINE_RADIUS, *SMOOTH)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
-    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
+    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * side**2, params.noise**2, MATCH_PX**2], np.float32)
+    sums = np.empty((6, *start.shape), np.int32)
     for _ in range(num_steps):
-        align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
+        compare_images(top, bottom, refined, sums)
+        for plane in sums:
+            cv2.boxFilter(plane, cv2.CV_32S, (side, side), plane, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        own = (plane.ravel() for plane in (start, refined, information, left))
+        step_blocks(sums.reshape(6, -1), limits, *own)
         refined = smooth(refined, REFINE_RADIUS, *SMOOTH)
     inner = slice(margin, margin + value.shape[1])
     refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))

@@ -90,7 +90,7 @@ def some_unknown(shape, seed, low, high, share=0.1):
 
 
 def test_a_step_of_alignment_is_that_of_least_squares():
-    """The mean of what the slopes say and what the match says, each by its information (step_row's formulas)."""
+    """The mean of what the slopes say and what the match says, each by its information (step_blocks's formulas)."""
     rng = np.random.default_rng(7)
     s, e = rng.normal(0, 80, (2, 30, 49)).round()
     sums = np.stack([np.full_like(s, 1), s, e, s * s, s * e, e * e]).sum(axis=2).astype(np.int32)
@@ -99,7 +99,7 @@ def test_a_step_of_alignment_is_that_of_least_squares():
     limit, _, noise, prior = limits
     start, before = (rng.normal(5, 0.5, 30).astype(np.float32) for _ in range(2))
     disparity, information, left = before.copy(), np.empty(30, np.float32), np.empty(30, np.float32)
-    kernels.step_row(sums, limits, start, disparity, information, left)
+    kernels.step_blocks(sums, limits, start, disparity, information, left)
     slopes, errors = s / 16, e / 16
     variance = slopes.var(axis=1)
     covariance = ((slopes - slopes.mean(axis=1, keepdims=True)) * errors).mean(axis=1)
