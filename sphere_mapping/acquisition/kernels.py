@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import config, set_num_threads
 
-from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit
 from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 SCALE = 16.0  # levels are sixteenths of a grey level
@@ -250,7 +249,7 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, ne
                 new_std[v, u] = std_m[row, column]
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def sample_inverse_depth(inverse, u, v, max_step, sampled):
     """Sample inverse (H, W) f32 at pixels u, v (N,) f32 into sampled (N,) f32, never mixing across a depth edge.
 
@@ -258,7 +257,7 @@ def sample_inverse_depth(inverse, u, v, max_step, sampled):
     whose inverse depth is linear in a pinhole's pixels), the nearest pixel elsewhere, NaN outside.
     """
     height, width = inverse.shape
-    for i in prange(u.size):
+    for i in range(u.size):
         x, y = u[i], v[i]
         if not (x >= -0.5 and x < width - 0.5 and y >= -0.5 and y < height - 0.5):
             sampled[i] = np.nan
@@ -275,8 +274,3 @@ def sample_inverse_depth(inverse, u, v, max_step, sampled):
             sampled[i] = (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
         else:
             sampled[i] = inverse[min(int(y + 0.5), height - 1), min(int(x + 0.5), width - 1)]
-
-
-def use_threads(number: int) -> None:
-    """Let parallel kernels run on up to `number` threads; results do not depend on it."""
-    set_num_threads(max(1, min(number, config.NUMBA_NUM_THREADS)))

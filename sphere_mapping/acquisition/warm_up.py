@@ -8,7 +8,6 @@ import numpy as np
 
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
-from sphere_mapping.acquisition.range.levels import is_borrowed
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_nav.params import build
@@ -30,6 +29,4 @@ def warm_up() -> None:
         for shape in ((SIDE, SIDE), (SIDE, SIDE, 3)):
             images = {part.name: rng.integers(0, 255, shape, np.uint8) for part in parts}
             stitcher.stitch(images, points_rig=points, depths={parts[0].name: depth})
-    dark = np.zeros((SIDE, SIDE), np.uint8)
-    is_borrowed(dark, dark, depth, is_whole=True)  # of spheres wider than this one
     DepthRegistration(lens, lens, SE3.identity())(depth)

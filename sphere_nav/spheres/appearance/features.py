@@ -89,8 +89,7 @@ def features_of_image(
     pad = FEATURE_SEAM if camera.is_whole else 0
     if pad:
         image = np.ascontiguousarray(np.hstack([image[:, -pad:], image, image[:, :pad]]))
-    mask = _usable(camera, size, pad) if pad else None  # what is left out below is not described
-    found, raw = cv2.SIFT_create(contrastThreshold=CONTRAST).detectAndCompute(image, mask)
+    found, raw = cv2.SIFT_create(contrastThreshold=CONTRAST).detectAndCompute(image, None)
     if raw is None:
         return Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
     pixels = np.array([point.pt for point in found])
@@ -109,17 +108,6 @@ def features_of_image(
     known = np.full(len(kept), np.nan, np.float32) if range_m is None else range_m[row[kept], column[kept]]
     known = np.where(np.isfinite(known), known, np.float32(np.nan))
     return Features(rays[kept].astype(np.float32), known.astype(np.float32), _roots(raw[kept]))
-
-
-def _usable(camera: Camera, size: tuple[int, int], pad: int) -> Bytes:
-    """Return where (h, w + 2 pad) features of a whole sphere may be used, not 0, and a pixel beyond."""
-    rows = (np.arange(size[1]) + 0.5) * camera.height / size[1] - 0.5
-    is_low = np.abs(camera.unproject(np.stack([np.zeros_like(rows), rows], axis=1))[:, 2]) < np.sin(
-        MAX_FEATURE_ELEVATION
-    )
-    mask = np.zeros((size[1], size[0] + 2 * pad), np.uint8)
-    mask[is_low, pad:-pad] = 1
-    return cv2.dilate(mask, np.ones((3, 3), np.uint8)).astype(np.uint8, copy=False)
 
 
 def _shrink(camera: Camera, *, is_fine: bool = False) -> int:

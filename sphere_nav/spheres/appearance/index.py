@@ -24,13 +24,12 @@ MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum o
 
 @dataclass(frozen=True)
 class Likeness:
-    """A key sphere that looks like the image: `turn` rad brings the image's azimuths to the sphere's.
+    """A key sphere that looks like the image.
 
     log_chance: natural logarithm of how many spheres of the map would show as many votes if features were scattered.
     """
 
     sphere_id: int
-    turn: float
     log_chance: float
 
 
@@ -96,14 +95,12 @@ class AppearanceIndex:
         number = votes.sum(axis=1)
         shifts = range(-(TURN_WINDOW // 2), TURN_WINDOW // 2 + 1)
         peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
-        best = np.argmax(peaks, axis=1)
-        height = peaks[np.arange(len(best)), best]
+        height = peaks.max(axis=1)
         log_chance = log_tail(height, number * TURN_WINDOW / NUM_TURN_BINS) + np.log(NUM_TURN_BINS * len(self._ids))
         hidden = set(without)
-        order = np.lexsort((np.arange(len(best)), -height, log_chance))
+        order = np.lexsort((np.arange(len(height)), -height, log_chance))
         rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
-        turns = 2 * np.pi * (best + 0.5) / NUM_TURN_BINS - np.pi
-        return [Likeness(self._ids[row], float(turns[row]), float(log_chance[row])) for row in rows]
+        return [Likeness(self._ids[row], float(log_chance[row])) for row in rows]
 
     def _votes(self, features: Features) -> Integers:
         """Return the histogram (S, NUM_TURN_BINS) of turns for every sphere; a feature votes once for each turn."""

@@ -13,7 +13,6 @@ from typing import Any, Self
 
 import cv2
 
-from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.graph.verification import run_in
 
 NUM_THREADS = 2  # of the process that registers one sphere after the other
@@ -106,4 +105,3 @@ def begin_worker() -> None:
 def limit_threads(number: int = 1) -> None:
     """Leave the other cores to the other processes."""
     cv2.setNumThreads(number)
-    use_threads(number)

@@ -22,12 +22,11 @@ def index():
 
 
 @pytest.mark.parametrize("turn_deg", [90.0, -137.0])
-def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
+def test_a_place_is_found_at_any_heading(index, turn_deg):
     there, number = HERE @ SE3.exp([0.3, 0.2, 0.0, 0.0, 0.0, np.radians(turn_deg)]), 3
     features = features_of_sphere(ROOMS[number].sphere(there, CAMERA, 50 + number))
     found = index.find(features, 3)
     assert found[0].sphere_id == 100 + number
-    assert abs((np.degrees(found[0].turn) - turn_deg + 180) % 360 - 180) <= 15  # a turn is told in tens of degrees
     assert found[0].log_chance < -20 < found[1].log_chance
     others = [one.sphere_id for one in index.find(features, 9) if one.sphere_id != 103]
     assert [one.sphere_id for one in index.find(features, 9, without=[103])] == others
