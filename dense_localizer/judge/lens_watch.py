@@ -23,7 +23,7 @@ from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import RegistrationParams
-from sphere_nav.photometric.checks.lens import NO_STEPS, Steps, Stretch, find_stretches
+from sphere_nav.photometric.checks.lens import Steps, Stretch, find_stretches
 
 ADVICE = "calibrate the camera, or run sphere_nav refine-camera"
 OPEN = Verdict(Reason.BAD_INFO, detail="the lens may be another one than camera_info says", advice=ADVICE)
@@ -46,7 +46,7 @@ class LensWatch:
         self.covariance: Array = np.zeros((6, 6))
         self._told: dict[str, dict[int, Array]] = {}  # information and information times share, of a key sphere
         self._judged: dict[str, tuple[Verdict, Array]] = {}  # finding and covariance of each camera
-        self._longer: Steps = NO_STEPS  # what is thought of a lens that is far off
+        self._longer: Steps = {}  # what is thought of a lens that is far off
         self._num_left = 0  # images that are not asked
 
     def observe(self, candidate: PoseCandidate, params: RegistrationParams, state: State) -> Verdict:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -43,7 +44,7 @@ from sphere_nav.photometric.pixels.pyramid import magnify
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, sample_images
 
 Steps = Mapping[str, int]  # by which the lens of each camera is longer
-NO_STEPS: Steps = {}
+NO_STEPS: Steps = MappingProxyType({})
 LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
 
 
@@ -79,14 +80,14 @@ def find_stretches(
     told, misfit = measure_stretches(images, alignment, coarse, motion)
     by_told, most, longer = told if is_clear else [], 1 if longer else 0, longer or _steps(told)
     if not any(longer.values()):
-        return by_told, NO_STEPS
+        return by_told, {}
     seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
     here = register_rig(seen, alignment.T_world_camera, coarse, motion)
     found, remaining = measure_stretches(seen, here, coarse, motion)
     left = _steps(found)
     is_settled = max(map(abs, left.values()), default=0) <= most
     if not (found and here.is_converged) or remaining > misfit * (LENS_LEFT if is_settled else 1.0):
-        return by_told, NO_STEPS
+        return by_told, {}
     if not is_settled:
         return [], {name: longer.get(name, 0) + steps for name, steps in left.items()}
     by = {name: LENS_STEP**steps for name, steps in longer.items()}
