@@ -23,8 +23,7 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.room import wide_room
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, WIDE_ROOM, drive, picture, wide_map
 
 START_NS = 1_000_000_000
 # The camera looks 0.1 rad to the left, half a metre before the base and 0.2 m above it.
@@ -34,20 +33,14 @@ MAX_M = 0.015  # as in test/dense_localizer/test_localizer.py
 
 
 @pytest.fixture(scope="module")
-def room():
-    return wide_room()
+def pictures():
+    return [picture(number) for number in range(12)]
 
 
 @pytest.fixture(scope="module")
-def pictures(room):
-    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(12))]
-
-
-@pytest.fixture(scope="module")
-def map_path(room, pictures, tmp_path_factory):
+def map_path(pictures, tmp_path_factory):
     """A map, in which a camera was localised before: what that loads is charged to no test."""
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
-    path = save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph)
+    path = save_map(tmp_path_factory.mktemp("maps") / "room", wide_map(-2.0, -1.0, 0.0, 1.0).graph)
     Bench(path).follow(pictures[:2])
     return path
 
@@ -129,10 +122,10 @@ def test_wheels_carry_a_camera_beside_the_base_through_the_dark(map_path, pictur
 
 
 @pytest.mark.parametrize(("use_depth", "state"), [(True, "TRACKING"), (False, "DEGRADED")])
-def test_where_the_light_goes_out_depth_goes_on(map_path, room, pictures, use_depth, state):
+def test_where_the_light_goes_out_depth_goes_on(map_path, pictures, use_depth, state):
     bench, way = Bench(map_path, use_depth=use_depth), drive(12)
     for k, pose in enumerate(way[:8]):
-        depth_m = room.rgbd(PINHOLE, pose)[1]
+        depth_m = WIDE_ROOM.rgbd(PINHOLE, pose)[1]
         bench.send("/depth/image_raw", array_to_image(depth_m, bench.now + STEP_NS, OPTICAL, "32FC1"))
         answer = bench.see(pictures[k] if k < 6 else np.zeros_like(pictures[k]))
     assert (answer["/status"].state, answer["/status"].reason) == (state, "LOW_TEXTURE")
