@@ -45,14 +45,6 @@ def map_path(pictures, tmp_path_factory):
     return path
 
 
-def info_message(stamp, camera=PINHOLE):
-    return camera_to_info(camera, stamp, OPTICAL)
-
-
-def static_message():
-    return TFMessage(transforms=[se3_to_transform(T_BASE_CAMERA, START_NS, "base_link", OPTICAL)])
-
-
 class Bench:
     def __init__(self, map_path="", *, is_calibrated=True, **values):
         self.bus = OfflineBus()
@@ -60,8 +52,9 @@ class Bench:
         self.node = self.bus.add(DenseLocalizerNode, {"map": str(map_path)} | SMALL_IMAGES | given)
         self.now = START_NS
         if is_calibrated:
-            self.send("/tf_static", static_message())
-            self.send("/camera_info", info_message(self.now))
+            mount = se3_to_transform(T_BASE_CAMERA, self.now, "base_link", OPTICAL)
+            self.send("/tf_static", TFMessage(transforms=[mount]))
+            self.send("/camera_info", camera_to_info(PINHOLE, self.now, OPTICAL))
 
     def send(self, topic, message):
         self.bus.publish(topic, message)

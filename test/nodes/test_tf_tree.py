@@ -51,10 +51,10 @@ def send(bus, topic, message):
     return list(bus.settle())
 
 
-def edges(said, topics=("/tf", "/tf_static")):
+def edges(said):
     parents = defaultdict(set)
     for item in said:
-        for transform in item.message.transforms if item.topic in topics else ():
+        for transform in item.message.transforms if item.topic in ("/tf", "/tf_static") else ():
             parents[transform.child_frame_id].add(transform.header.frame_id)
     return dict(parents)
 

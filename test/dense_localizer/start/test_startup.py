@@ -20,15 +20,14 @@ from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
 
-def pyramid_at(room, pose, seed=3):
-    return build_pyramid(room.photograph(PINHOLE, pose, seed), PINHOLE, PARAMS.registration.pyramid)
+def pyramid_at(room, pose):
+    return build_pyramid(room.photograph(PINHOLE, pose, 3), PINHOLE, PARAMS.registration.pyramid)
 
 
-def find_start(references, pyramid, T_map_guess=None):
-    """Search near a pose, or everywhere, as the localizer does."""
-    startup, seen = Startup(references, PARAMS), RigImage(pyramid)
-    poses = startup.propose(seen) if T_map_guess is None else startup.propose_near(seen, T_map_guess)
-    return choose(poses, references, seen)
+def find_start(references, pyramid):
+    """Search everywhere, as the localizer does."""
+    seen = RigImage(pyramid)
+    return choose(Startup(references, PARAMS).propose(seen), references, seen)
 
 
 def choose(poses, references, seen):

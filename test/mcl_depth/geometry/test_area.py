@@ -13,7 +13,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def floor(x0, x1, y0=0.0, y1=4.0, slope=0.0):
-    x, y = np.meshgrid(np.arange(x0, x1, 0.1), np.arange(y0, y1, 0.1))
+    x, y = np.meshgrid(np.arange(x0, x1, 0.1), np.arange(0.0, 4.0, 0.1))
     return np.column_stack([x.ravel(), y.ravel(), slope * x.ravel()])
 
 
@@ -33,8 +33,8 @@ def test_the_ground_follows_a_slope_under_roofs_and_ends_with_the_map():
     np.testing.assert_allclose(heights, 0.0, atol=1e-9)
 
 
-def wall(x, y0=0.0, y1=4.0):
-    y, z = np.meshgrid(np.arange(y0, y1, 0.1), np.arange(0.0, 2.5, 0.1))
+def wall(x):
+    y, z = np.meshgrid(np.arange(0.0, 4.0, 0.1), np.arange(0.0, 2.5, 0.1))
     return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
 
 

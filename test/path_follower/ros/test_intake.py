@@ -177,9 +177,9 @@ def test_poses_before_1970_are_refused_and_stop_as_fast_as_silence():
     assert last <= 0.8
 
 
-def seconds_to_zero(bus, seconds=3.0):
+def seconds_to_zero(bus):
     begun, last = bus.now_ns, 0.0
-    for item in bus.advance(begun + round(seconds * SECOND)):
+    for item in bus.advance(begun + 3 * SECOND):
         if item.topic == "/cmd_vel" and item.message.twist.linear.x != 0.0:
             last = (item.stamp_ns - begun) / SECOND
     return last + 0.025  # the command after it

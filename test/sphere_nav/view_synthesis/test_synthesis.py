@@ -66,9 +66,9 @@ def test_weights_fall_with_the_distance_to_none_at_the_one_left_out():
     assert blend_weights([0.0, 0.0]).tolist() == [1.0]
 
 
-def ball(range_m, gray, weight, camera=SPHERE):
-    shape = (camera.height, camera.width)
-    sphere = Sphere(np.full(shape, gray, np.uint8), np.full(shape, range_m, np.float32), camera)
+def ball(range_m, gray, weight):
+    shape = (SPHERE.height, SPHERE.width)
+    sphere = Sphere(np.full(shape, gray, np.uint8), np.full(shape, range_m, np.float32), SPHERE)
     return PlacedSurface(surface_of(sphere), SE3.identity(), weight)
 
 
