@@ -46,24 +46,23 @@ def map_path(pictures, tmp_path_factory):
 
 
 class Bench:
-    def __init__(self, map_path="", *, is_calibrated=True, **values):
+    def __init__(self, map_path="", **values):
         self.bus = OfflineBus()
         given = {name.replace("__", "."): value for name, value in values.items()}
         self.node = self.bus.add(DenseLocalizerNode, {"map": str(map_path)} | SMALL_IMAGES | given)
         self.now = START_NS
-        if is_calibrated:
-            mount = se3_to_transform(T_BASE_CAMERA, self.now, "base_link", OPTICAL)
-            self.send("/tf_static", TFMessage(transforms=[mount]))
-            self.send("/camera_info", camera_to_info(PINHOLE, self.now, OPTICAL))
+        mount = se3_to_transform(T_BASE_CAMERA, self.now, "base_link", OPTICAL)
+        self.send("/tf_static", TFMessage(transforms=[mount]))
+        self.send("/camera_info", camera_to_info(PINHOLE, self.now, OPTICAL))
 
     def send(self, topic, message):
         self.bus.publish(topic, message)
         return [record for record in self.bus.settle() if record.topic != topic]
 
-    def see(self, picture, encoding="mono8"):
+    def see(self, picture):
         self.now += STEP_NS
         said = list(self.bus.advance(self.now))
-        said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, encoding))
+        said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, "mono8"))
         return {record.topic: record.message for record in said}
 
     def follow(self, pictures):

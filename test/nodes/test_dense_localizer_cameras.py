@@ -82,11 +82,11 @@ class Bench:
         self.bus.publish(topic, message)
         return [record for record in self.bus.settle() if record.topic != topic]
 
-    def see(self, pictures, k, names=("front", "back"), delay_ns=0):
+    def see(self, pictures, k, names=("front", "back")):
         self.now = START_NS + (k + 1) * STEP_NS
         said = list(self.bus.advance(self.now))
-        for i, name in enumerate(names):
-            image = array_to_image(pictures[name][k], self.now + i * delay_ns, name, "mono8")
+        for name in names:
+            image = array_to_image(pictures[name][k], self.now, name, "mono8")
             said += self.send(f"/cameras/{name}/image_raw", image)
         return {record.topic: record.message for record in said}
 

@@ -46,8 +46,8 @@ class Vehicle(Trip):
         self.live(0.3)
 
     # --- requests
-    def ask(self, node, name, request=None):
-        answer = node.endpoints.call(name, request)
+    def ask(self, node, name):
+        answer = node.endpoints.call(name)
         if answer.success and name in ("start", "resume"):
             self.stopped_at = None
         if answer.success and name in ("stop", "pause") and self.stopped_at is None:

@@ -43,7 +43,8 @@ def test_the_camera_is_found_anywhere_at_any_heading(room, room_map):
 
 
 def test_a_camera_turned_about_its_axis_is_found(room, room_map):
-    references, pose = References(room_map, PARAMS), at(0.2, 0.1, 0.4) @ about_axis(-70.0)
+    references = References(room_map, PARAMS)
+    pose = at(0.2, 0.1, 0.4) @ SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(-70.0)])
     seen = RigImage(pyramid_at(room, pose))
     start = choose(Startup(references, PARAMS).propose_turned(seen), references, seen)
     assert start.candidate is not None
@@ -75,10 +76,6 @@ def test_a_camera_far_below_the_mapping_one_is_looked_for_where_it_is(room):
     for poses in (Startup(references, PARAMS).propose(seen), Startup(references, PARAMS).propose_near(seen, pose)):
         assert np.all(np.less(poses[0].distance(pose), (0.1, 0.05)))
         assert all(abs(one.translation[2] + 1.0) < 0.1 for one in poses)
-
-
-def about_axis(roll_deg):
-    return SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(roll_deg)])
 
 
 def test_a_partial_sphere_is_found_beside_its_heading(room):

@@ -83,9 +83,9 @@ def test_what_is_within_thirty_centimeters_of_the_camera_is_in_its_way():
             assert 0.25 < near < 0.5  # the clearance
 
 
-def sweep(height, lowest_deg=-25.0):
+def sweep(height):
     """What a scanner sees of a flat court of 20 x 20 m, in its own frame."""
-    a, e = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(lowest_deg, 15.0, 0.6)))
+    a, e = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(-25.0, 15.0, 0.6)))
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
     with np.errstate(divide="ignore"):
         ground = np.where(rays[:, 2] < 0.0, -height / rays[:, 2], np.inf)

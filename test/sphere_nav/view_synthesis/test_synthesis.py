@@ -13,9 +13,9 @@ PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 T_SPHERES = (SE3.identity(), SE3.from_planar(0.8, 0.0, 0.6))
 
 
-def placed(room, weights=(0.5, 0.5)):
+def placed(room):
     spheres = [surface_of(room.sphere(T, SPHERE)) for T in T_SPHERES]
-    return [PlacedSurface(*one) for one in zip(spheres, T_SPHERES, weights, strict=True)]
+    return [PlacedSurface(*one, 0.5) for one in zip(spheres, T_SPHERES, strict=True)]
 
 
 def psnr(view, gray):
