@@ -1,4 +1,4 @@
-"""What every test shares: the installed packages, a ROS domain, seeded generators, recorded data."""
+"""What every test shares: the installed packages, a ROS domain, seeded generators."""
 
 from __future__ import annotations
 
@@ -127,12 +127,3 @@ def spawn() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 def domain() -> int:
     """Return the ROS domain of this process of tests, and of what it starts."""
     return int(os.environ["ROS_DOMAIN_ID"])
-
-
-@pytest.fixture(scope="session")
-def shared_data() -> Path:
-    """Folder of recorded data beside the project; the test is skipped where it is absent."""
-    folder = Path(os.environ.get("SPHERE_NAV_DATA") or ROOT.parent / "shared" / "data")
-    if not folder.is_dir():
-        pytest.skip(f"recorded data: no folder {folder}; SPHERE_NAV_DATA names another one")
-    return folder

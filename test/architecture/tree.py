@@ -74,6 +74,14 @@ def differences() -> list[str]:
     return found
 
 
+def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
+    """Return the leaves of a tree of mappings, by dotted name."""
+    values: dict[str, object] = {}
+    for name, item in tree.items():
+        values |= flatten(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
+    return values
+
+
 def for_all(items: Iterable[Any]) -> Callable[[Callable[[Any], None]], Callable[[], None]]:
     """Make the check of one item a test of all of them, which tells each that is refused."""
 

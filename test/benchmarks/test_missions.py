@@ -7,12 +7,6 @@ import numpy as np
 from benchmarks.drive.mission_town import PLACES, tour_network
 from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory
-
-
-def trajectory(poses):
-    return Trajectory(np.arange(len(poses)) * 10**9, SE3(np.array([pose.matrix for pose in poses])))
 
 
 def test_the_tour_is_a_network_with_a_way_from_each_place_to_each_other_one():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from architecture.tree import for_all
+from architecture.tree import flatten, for_all
 from sphere_nav.params import build, leaves
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,10 +39,3 @@ def test_a_file_loads_into_its_class(node: type) -> None:
     shared = {leaf.name: leaf.type for leaf in leaves(generate.ShellParams)}
     assert {name: type(value) for name, value in values.items()} == shared | own  # floats written as floats
     assert build(node.PARAMS, {name: values[name] for name in own}) == node.PARAMS()
-
-
-def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
-    values: dict[str, object] = {}
-    for name, item in tree.items():
-        values |= flatten(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
-    return values

@@ -11,18 +11,18 @@ from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, m
 MAX_M, MAX_RAD = 0.015, 0.008
 
 
-def started(room, room_map, camera=PINHOLE, **values) -> Run:
+def started(room, room_map, **values) -> Run:
     """A run that tracks: ten images of the drive."""
-    run = Run(room, make_localizer(room_map, **values), camera)
+    run = Run(room, make_localizer(room_map, **values))
     last = run.follow(drive(10))[-1]
     assert last.status.state is State.TRACKING
     return run
 
 
-def assert_near(estimate, truth, factor=1.0):
+def assert_near(estimate, truth):
     meters, radians = error(estimate, truth)
-    assert meters < factor * MAX_M
-    assert radians < factor * MAX_RAD
+    assert meters < MAX_M
+    assert radians < MAX_RAD
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, pytest.param(FISHEYE, marks=pytest.mark.slow)], ids=lambda one: one.model)

@@ -16,7 +16,7 @@ class Bench:
         self.node = self.bus.add(CommandGuard)
         self.now, self.beats = 10**9, 0
 
-    def run(self, count, speed=None, beats=True):
+    def run(self, count, speed=None):
         """Return the speeds that the base gets."""
         said = []
         for _ in range(count):
@@ -26,9 +26,8 @@ class Bench:
                 twist = Twist()
                 twist.linear.x = speed
                 self.bus.deliver("/cmd_vel_in", twist)
-            if beats:
-                self.beats += 1
-                self.bus.deliver("/path_follower/heartbeat", UInt64(data=self.beats))
+            self.beats += 1
+            self.bus.deliver("/path_follower/heartbeat", UInt64(data=self.beats))
         return [item.message.linear.x for item in said if item.topic == "/cmd_vel"]
 
 

@@ -23,8 +23,7 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.room import wide_room
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, WIDE_ROOM, drive, picture, wide_map
 
 START_NS = 1_000_000_000
 # The camera looks 0.1 rad to the left, half a metre before the base and 0.2 m above it.
@@ -34,50 +33,36 @@ MAX_M = 0.015  # as in test/dense_localizer/test_localizer.py
 
 
 @pytest.fixture(scope="module")
-def room():
-    return wide_room()
+def pictures():
+    return [picture(number) for number in range(12)]
 
 
 @pytest.fixture(scope="module")
-def pictures(room):
-    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(12))]
-
-
-@pytest.fixture(scope="module")
-def map_path(room, pictures, tmp_path_factory):
+def map_path(pictures, tmp_path_factory):
     """A map, in which a camera was localised before: what that loads is charged to no test."""
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
-    path = save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph)
+    path = save_map(tmp_path_factory.mktemp("maps") / "room", wide_map(-2.0, -1.0, 0.0, 1.0).graph)
     Bench(path).follow(pictures[:2])
     return path
 
 
-def info_message(stamp, camera=PINHOLE):
-    return camera_to_info(camera, stamp, OPTICAL)
-
-
-def static_message():
-    return TFMessage(transforms=[se3_to_transform(T_BASE_CAMERA, START_NS, "base_link", OPTICAL)])
-
-
 class Bench:
-    def __init__(self, map_path="", *, is_calibrated=True, **values):
+    def __init__(self, map_path="", **values):
         self.bus = OfflineBus()
         given = {name.replace("__", "."): value for name, value in values.items()}
         self.node = self.bus.add(DenseLocalizerNode, {"map": str(map_path)} | SMALL_IMAGES | given)
         self.now = START_NS
-        if is_calibrated:
-            self.send("/tf_static", static_message())
-            self.send("/camera_info", info_message(self.now))
+        mount = se3_to_transform(T_BASE_CAMERA, self.now, "base_link", OPTICAL)
+        self.send("/tf_static", TFMessage(transforms=[mount]))
+        self.send("/camera_info", camera_to_info(PINHOLE, self.now, OPTICAL))
 
     def send(self, topic, message):
         self.bus.publish(topic, message)
         return [record for record in self.bus.settle() if record.topic != topic]
 
-    def see(self, picture, encoding="mono8"):
+    def see(self, picture):
         self.now += STEP_NS
         said = list(self.bus.advance(self.now))
-        said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, encoding))
+        said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, "mono8"))
         return {record.topic: record.message for record in said}
 
     def follow(self, pictures):
@@ -129,10 +114,10 @@ def test_wheels_carry_a_camera_beside_the_base_through_the_dark(map_path, pictur
 
 
 @pytest.mark.parametrize(("use_depth", "state"), [(True, "TRACKING"), (False, "DEGRADED")])
-def test_where_the_light_goes_out_depth_goes_on(map_path, room, pictures, use_depth, state):
+def test_where_the_light_goes_out_depth_goes_on(map_path, pictures, use_depth, state):
     bench, way = Bench(map_path, use_depth=use_depth), drive(12)
     for k, pose in enumerate(way[:8]):
-        depth_m = room.rgbd(PINHOLE, pose)[1]
+        depth_m = WIDE_ROOM.rgbd(PINHOLE, pose)[1]
         bench.send("/depth/image_raw", array_to_image(depth_m, bench.now + STEP_NS, OPTICAL, "32FC1"))
         answer = bench.see(pictures[k] if k < 6 else np.zeros_like(pictures[k]))
     assert (answer["/status"].state, answer["/status"].reason) == (state, "LOW_TEXTURE")

@@ -20,8 +20,7 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.room import wide_room
+from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, STEP_NS, WIDE_ROOM, drive, wide_map
 
 START_NS = 1_000_000_000
 CAMERAS = {"front": PINHOLE, "back": FISHEYE}
@@ -36,11 +35,6 @@ RIG = SMALL_IMAGES | {"rig.cameras": "front,back"}
 
 
 @pytest.fixture(scope="module")
-def room():
-    return wide_room()
-
-
-@pytest.fixture(scope="module")
 def rig_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("rig") / "rig.yaml"
     cameras = [RigCamera(name, CAMERAS[name], mount @ T_BODY_OPTICAL) for name, mount in MOUNTS.items()]
@@ -49,20 +43,21 @@ def rig_file(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def map_path(room, rig_file, pictures, tmp_path_factory):
+def map_path(rig_file, pictures, tmp_path_factory):
     """A map, in which cameras were localised before: what that loads is charged to no test."""
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
-    path = save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph, MapDetails(rig=rig_file.read_text()))
+    details, graph = MapDetails(rig=rig_file.read_text()), wide_map(-2.0, -1.0, 0.0).graph
+    path = save_map(tmp_path_factory.mktemp("maps") / "room", graph, details)
     bench = Bench(path)
     bench.see(pictures, 0)
     return path
 
 
 @pytest.fixture(scope="module")
-def pictures(room):
+def pictures():
     return {
         name: [
-            room.photograph(camera, T @ MOUNTS[name] @ T_BODY_OPTICAL, 10 * k + len(name)) for k, T in enumerate(BASE)
+            WIDE_ROOM.photograph(camera, T @ MOUNTS[name] @ T_BODY_OPTICAL, 10 * k + len(name))
+            for k, T in enumerate(BASE)
         ]
         for name, camera in CAMERAS.items()
     }
@@ -87,11 +82,11 @@ class Bench:
         self.bus.publish(topic, message)
         return [record for record in self.bus.settle() if record.topic != topic]
 
-    def see(self, pictures, k, names=("front", "back"), delay_ns=0):
+    def see(self, pictures, k, names=("front", "back")):
         self.now = START_NS + (k + 1) * STEP_NS
         said = list(self.bus.advance(self.now))
-        for i, name in enumerate(names):
-            image = array_to_image(pictures[name][k], self.now + i * delay_ns, name, "mono8")
+        for name in names:
+            image = array_to_image(pictures[name][k], self.now, name, "mono8")
             said += self.send(f"/cameras/{name}/image_raw", image)
         return {record.topic: record.message for record in said}
 
@@ -154,7 +149,7 @@ def test_a_rig_that_cannot_be_is_refused_at_once(map_path, values, words):
 
 
 @pytest.mark.parametrize("told_by", ["sphere_info", "is_panorama"])
-def test_a_whole_sphere_is_a_camera(map_path, room, told_by):
+def test_a_whole_sphere_is_a_camera(map_path, told_by):
     camera = Spherical(256, 128)
     values = SMALL_IMAGES | {"base_frame": "", "is_panorama": told_by == "is_panorama"}
     bench = Bench(map_path, values, has_tf=False, infos=())
@@ -162,7 +157,7 @@ def test_a_whole_sphere_is_a_camera(map_path, room, told_by):
         bench.send("/sphere_info", camera_to_sphere_info(camera, "sphere"))
     for k, T_room_base in enumerate(BASE[:5]):
         bench.now = START_NS + (k + 1) * STEP_NS
-        image = array_to_image(room.photograph(camera, T_room_base, k), bench.now, "sphere", "mono8")
+        image = array_to_image(WIDE_ROOM.photograph(camera, T_room_base, k), bench.now, "sphere", "mono8")
         answer = {record.topic: record.message for record in bench.send("/image_raw", image)}
     assert answer["/status"].state == "TRACKING"
     assert_near(answer, BASE[4])

@@ -2,7 +2,6 @@
 
 import os
 
-import numpy as np
 import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
@@ -13,13 +12,13 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from config.test_yaml_matches_params import NODES
-from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve
+from path_follower.routes.building import build_network
 from path_follower.routes.network_file import write_network
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.live import LiveShell
+from worlds.curves import straight_road
 from worlds.patience import wait_until
 from worlds.rig import vertical_rig
 
@@ -33,8 +32,7 @@ def values(tmp_path_factory):
     with BagWriter(folder / "bag") as bag:
         bag.write("text", String(data="0"), 0)
     write_rig(folder / "rig.yaml", vertical_rig())
-    x = np.linspace(0.0, 20.0, 201)
-    write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+    write_network(folder / "routes.geojson", build_network([straight_road(20.0)]))
     return {
         "route_navigator": {"network": str(folder / "routes.geojson")},
         "bag_player": {"bag": str(folder / "bag"), "wait_for": "text"},

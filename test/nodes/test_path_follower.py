@@ -25,16 +25,12 @@ STEP = SECOND // 20
 COVARIANCE = 1e-4 * np.eye(6)
 
 
-def straight(length=20.0, frame="map"):
-    return poses_to_path([(0, SE3.from_planar(x, 0, 0)) for x in np.arange(0, length, 0.1)], SECOND, frame)
+def straight():
+    return poses_to_path([(0, SE3.from_planar(x, 0, 0)) for x in np.arange(0, 20, 0.1)], SECOND, "map")
 
 
 def pose_message(x, y, yaw, stamp, frame="map"):
     return se3_to_pose_with_covariance(SE3.from_planar(x, y, yaw), COVARIANCE, stamp, frame)
-
-
-def status_message(state, stamp):
-    return status_to_message(Status(State(state)), stamp, "map")
 
 
 class Bench:
@@ -55,10 +51,9 @@ class Bench:
         """One image: status, and a pose where the localiser has one; returns what the node said."""
         self.now += STEP
         said = list(self.bus.advance(self.now))
-        pose = (
-            [("/pose", pose_message(self.x, self.y, self.yaw, self.now))] if state in ("TRACKING", "DEGRADED") else []
-        )
-        said += self.send(("/status", status_message(state, self.now)), *pose)
+        said += self.send(("/status", status_to_message(Status(State(state)), self.now, "map")))
+        if state == "TRACKING":
+            said += self.send(("/pose", pose_message(self.x, self.y, self.yaw, self.now)))
         commands = [record.message for record in said if record.topic == "/cmd_vel"]
         assert commands, "every image is answered"
         assert stamp_ns(commands[-1]) >= self.now

@@ -5,40 +5,20 @@ import math
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Twist
-from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import CloseEdge, PlanRoute
 
 from path_follower.path import Pose2
-from path_follower.ros.navigator_node import RouteNavigator
-from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
 from path_follower.vehicle import Motion, drive
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import State, Status
-from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.conversions import se3_to_pose_stamped, se3_to_pose_with_covariance, status_to_message
+from sphere_nav.ros.conversions import se3_to_pose_stamped
 from worlds.curves import even_curve
+from worlds.trip import Trip
 
-SECOND, STEP = 1_000_000_000, 100_000_000
-COVARIANCE = 1e-4 * np.eye(6)
 WAY_AROUND = ((5, 0), (4, 1 / 8), (8, -1 / 8), (4, 1 / 8), (19, 0))
-
-
-class Offered:
-    """A goal as a client of the action sees it."""
-
-    def __init__(self, request):
-        self.request, self.feedback, self.result = request, [], None
-
-    def publish(self, feedback):
-        self.feedback.append(feedback)
-
-    def finish(self, result, *, success):
-        self.result = result
 
 
 def course(pieces):
@@ -61,42 +41,11 @@ def folder(tmp_path):
     return tmp_path
 
 
-class Trip:
-    def __init__(self, folder):
-        self.values = {"network": str(folder / "routes.geojson")}
-        self.bus = OfflineBus(start_ns=SECOND)
-        self.follower = self.bus.add(PathFollowerNode)
-        self.navigator = self.bus.add(RouteNavigator, self.values)
-        self.pose, self.said = Pose2(1.0, 0.3, 0.1), {}
-        self.live(0.2)
-
-    def begin(self, **goal):
-        check, begin, self.cancel = self.navigator.endpoints.actions["navigate"]
-        asked = Offered(Navigate.Goal(**goal))
-        check(asked.request)
-        begin(asked)
-        return asked
-
-    def live(self, seconds, until=lambda: False):
-        for _ in range(round(seconds * 10)):
-            if until():
-                return
-            now = self.bus.now_ns + STEP
-            said = list(self.bus.advance(now))
-            status = status_to_message(Status(State.TRACKING, map_id="campus"), now, "map")
-            self.bus.publish("/status", status)
-            pose = se3_to_pose_with_covariance(SE3.from_planar(*self.pose), COVARIANCE, now, "map")
-            self.bus.publish("/pose", pose)
-            for record in [*said, *self.bus.settle()]:
-                self.said[record.topic] = record.message
-            command = self.said.get("/cmd_vel", Twist())
-            bend = command.angular.z / command.linear.x if command.linear.x else 0.0
-            self.pose = drive(self.pose, Motion(command.linear.x, math.atan(1.2 * bend)), 1.2, STEP / SECOND)
-
-
 @pytest.fixture
 def trip(folder):
-    return Trip(folder)
+    trip = Trip(folder / "routes.geojson", Pose2(1.0, 0.3, 0.1))
+    trip.live(0.2)
+    return trip
 
 
 @pytest.mark.slow

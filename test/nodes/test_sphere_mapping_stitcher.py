@@ -71,9 +71,9 @@ class Bench:
         return "; ".join(wanted.last_refusal for wanted in self.node.inputs if wanted.num_refused)
 
 
-def check_content(node, sphere, phase=0.0):
+def check_content(node, sphere):
     """The sphere shows the scene of a moment, at its range, within 45 degrees of the horizon."""
-    levels, range_m = truth(node.stitcher, phase)
+    levels, range_m = truth(node.stitcher)
     middle = np.abs(np.arange(128) - 64) < 32
     error = sphere.image.astype(float) - levels
     assert np.sqrt(np.mean(error[middle] ** 2)) < 6  # two interpolations of a texture of 20 px period

@@ -11,7 +11,6 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.node import PathFollowerNode
 from sphere_mapping.ros.node import SphereMapper
-from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav.ros.conversions import (
@@ -24,13 +23,12 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, picture, wide_map
 from worlds.mcl import SETTINGS, T_BASE_EYE, T_ODOM_MAP, Eye, room_points
 from worlds.mcl import drive as around_the_room
 from worlds.recordings import mount, sphere
-from worlds.room import wide_room
 
-START_NS, OPTICAL, ROOM = 1_000_000_000, "camera_optical", wide_room()
+START_NS, OPTICAL = 1_000_000_000, "camera_optical"
 NODES = {"dense_localizer": DenseLocalizerNode, "path_follower": PathFollowerNode, "command_guard": CommandGuard}
 NODES |= {"sphere_mapper": SphereMapper, "mcl_depth": MclDepthNode}
 SMALL = {"dense_localizer": SMALL_IMAGES, "mcl_depth": SETTINGS}
@@ -53,10 +51,10 @@ def send(bus, topic, message):
     return list(bus.settle())
 
 
-def edges(said, topics=("/tf", "/tf_static")):
+def edges(said):
     parents = defaultdict(set)
     for item in said:
-        for transform in item.message.transforms if item.topic in topics else ():
+        for transform in item.message.transforms if item.topic in ("/tf", "/tf_static") else ():
             parents[transform.child_frame_id].add(transform.header.frame_id)
     return dict(parents)
 
@@ -71,8 +69,7 @@ def check(parents, root, *leaves):
 
 @pytest.fixture(scope="module")
 def map_path(tmp_path_factory):
-    made = make_map(ROOM, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
-    return str(save_map(tmp_path_factory.mktemp("maps") / "room", made.graph))
+    return str(save_map(tmp_path_factory.mktemp("maps") / "room", wide_map(-2.0, -1.0, 0.0, 1.0).graph))
 
 
 @pytest.mark.slow
@@ -90,7 +87,7 @@ def test_a_camera_in_a_map(map_path, name, has_odometry):
             moved = se3_to_transform(T_odom_base, now, "odom", "base_link")
             said += send(bus, "/tf", TFMessage(transforms=[moved]))
         said += send(bus, "/camera_info", camera_to_info(PINHOLE, now, OPTICAL))
-        said += send(bus, "/image_raw", array_to_image(ROOM.photograph(PINHOLE, pose, k), now, OPTICAL, "mono8"))
+        said += send(bus, "/image_raw", array_to_image(picture(k), now, OPTICAL, "mono8"))
     check(edges(said), "map", OPTICAL, *(["odom"] if has_odometry else []))
 
 

@@ -21,8 +21,8 @@ PARAMS = FollowerParams()
 class Car:
     """An ideal car, and a source that points to a place."""
 
-    def __init__(self, pose=(0.0, 0.0, 0.0), goal=(8.0, 3.0), **homing):
-        self.pose, self.goal, self.now = Pose2(*pose), goal, SECOND
+    def __init__(self, goal=(8.0, 3.0), **homing):
+        self.pose, self.goal, self.now = Pose2(0.0, 0.0, 0.0), goal, SECOND
         self.follower = HomingFollower(replace(PARAMS, homing=HomingParams(**homing)))
         self.command = None
 

@@ -16,10 +16,10 @@ SECOND = 1_000_000_000
 PARAMS = FollowerParams()
 
 
-def good_watch(now=10 * SECOND, params=PARAMS):
+def good_watch(params=PARAMS):
     watch = SafetyMonitor(params)
-    assert watch.see_pose(Pose2(0, 0, 0), now)
-    watch.see_status("TRACKING", now)
+    assert watch.see_pose(Pose2(0, 0, 0), 10 * SECOND)
+    watch.see_status("TRACKING", 10 * SECOND)
     return watch
 
 

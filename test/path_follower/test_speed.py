@@ -94,8 +94,8 @@ def test_slow_and_start_bound_the_speed():
 PARAMS = SteeringParams()
 
 
-def turned(speed=1.4, curvature=0.0, yaw=0.0, direction=1):
-    return ReferencePoint(2.0, -1.0, yaw, speed, speed * curvature, curvature, 0.0, direction)
+def turned(speed=1.4, curvature=0.0, yaw=0.0):
+    return ReferencePoint(2.0, -1.0, yaw, speed, speed * curvature, curvature, 0.0, 1)
 
 
 def test_errors_are_measured_in_the_axes_of_the_reference_and_across_the_half_turn():
@@ -114,13 +114,13 @@ def test_equation_25_for_the_yaw_rate():
         assert 1.2 * curvature_law(point, errors, PARAMS, 1.2) == pytest.approx(expected)
 
 
-def closed_loop(direction, k_y_sign=1.0):
+def closed_loop(direction):
     """Poles by time of the linearized loop: e_y' = U e_psi, e_psi' = U curvature(e_y, e_psi)."""
     speed, step = direction * 1.0, 1e-6
     point = ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 
     def law(e_y, e_psi):
-        return speed * curvature_law(point, Errors(0, k_y_sign * e_y, e_psi), PARAMS, abs(speed))
+        return speed * curvature_law(point, Errors(0, e_y, e_psi), PARAMS, abs(speed))
 
     return np.linalg.eigvals([[0, speed], [law(step, 0) / step, law(0, step) / step]])
 

@@ -10,8 +10,8 @@ from path_follower.taught import taught_speeds
 PARAMS = FollowerParams()
 
 
-def with_noise(poses, position=0.02, yaw=0.01, seed=0):
-    rng = np.random.default_rng(seed)
+def with_noise(poses, position=0.02, yaw=0.01):
+    rng = np.random.default_rng(0)
     return poses + rng.normal(size=poses.shape) * (position, position, yaw)
 
 
@@ -85,7 +85,7 @@ def test_another_cruise_speed_is_as_if_it_had_been_there_from_the_start(kit):
         assert np.abs(made.speed).max() <= cruise
 
 
-MIN_SPACING, SPACING = 0.2, 0.1
+SPACING = 0.1
 
 SMOOTHING = PathParams()
 

@@ -42,13 +42,13 @@ def test_the_map_begins_at_the_base_level_and_ahead():
     np.testing.assert_array_equal(Upright(UP).T_map_base.matrix, np.eye(4))
 
 
-def scene(rng, up_base, noise=0.01):
+def scene(rng, up_base):
     """Points (N, 3) of a floor 1.4 m below the eye, and of a wall ahead."""
     floor = np.column_stack([rng.uniform(1, 6, 6000), rng.uniform(-2, 2, 6000), np.zeros(6000)])
     wall = np.column_stack([np.full(6000, 6.0), rng.uniform(-2, 2, 6000), rng.uniform(0, 3, 6000)])
     points = np.concatenate([floor, wall]) @ Upright(up_base).T_map_base.rotation
     away = points - EYE
-    return points + noise * rng.standard_normal((len(points), 1)) * away / np.linalg.norm(away, axis=1, keepdims=True)
+    return points + 0.01 * rng.standard_normal((len(points), 1)) * away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
 def test_the_ground_corrects_a_mounting_that_leans(rng):

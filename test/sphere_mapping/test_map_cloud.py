@@ -9,8 +9,8 @@ from sphere_nav.spheres.sphere import Sphere
 CAMERA = Spherical(32, 16)
 
 
-def node(number, range_m, color=False):
-    image = np.full((16, 32, 3) if color else (16, 32), 50 + number, np.uint8)
+def node(number, range_m):
+    image = np.full((16, 32), 50 + number, np.uint8)
     sphere = Sphere(image, np.full((16, 32), range_m, np.float32), CAMERA)
     return KeySphere(number, number, SE3.from_parts(np.eye(3), [10.0 * number, 0, 0]), sphere)
 

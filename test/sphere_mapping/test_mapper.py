@@ -41,9 +41,9 @@ def drive():
     return truth, [seen_from(T_room_sphere, number) for number, T_room_sphere in enumerate(truth)]
 
 
-def mapped(spheres, T_map_first, params=None, odometry=None):
+def mapped(spheres, T_map_first, params=None):
     mapper = Mapper(params, T_map_first)
-    updates = [mapper.add(sphere, odometry and odometry[k]) for k, sphere in enumerate(spheres)]
+    updates = [mapper.add(sphere) for sphere in spheres]
     return mapper, updates
 
 

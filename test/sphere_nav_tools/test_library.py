@@ -10,14 +10,13 @@ from sphere_nav_msgs.msg import LocalizationStatus, TrackingError
 
 import sphere_nav
 from architecture.tree import ROOT
-from sphere_nav.geometry import SE3, Fisheye, Pinhole
+from sphere_nav.geometry import Fisheye, Pinhole
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools import library
-from worlds.localizer import drive, make_map
+from worlds.localizer import WIDE_ROOM, drive, wide_map
 from worlds.recordings import stamp, write_bag
-from worlds.room import wide_room
 
 CAMERA = Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, -0.01, 0.0, 0.0))
 TOPIC, INFO = "/cameras/top_front/image_raw", "/cameras/top_front/camera_info"
@@ -28,14 +27,14 @@ NUM_IMAGES = 22
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     """What a demo leaves, of a room: a map, and a recorded drive with odometry and truth."""
-    folder, room = tmp_path_factory.mktemp("demo"), wide_room()
-    save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)]).graph)
+    folder = tmp_path_factory.mktemp("demo")
+    save_map(folder / "map", wide_map(-2.0, -1.0, 0.0).graph)
 
     def teach(k):
         T_map_camera = drive(NUM_IMAGES)[k]
         T_map_base = T_map_camera @ T_BODY_OPTICAL.inverse()
         yield INFO, camera_to_info(CAMERA, stamp(k), "optical")
-        image = np.repeat(room.photograph(CAMERA, T_map_camera, k)[..., None], 3, axis=2)
+        image = np.repeat(WIDE_ROOM.photograph(CAMERA, T_map_camera, k)[..., None], 3, axis=2)
         yield TOPIC, array_to_image(image, stamp(k), "optical", "rgb8")
         for topic in ("/odom", "/ground_truth/odometry"):
             yield topic, se3_to_odometry(T_map_base, np.zeros((6, 6)), stamp(k), ("odom", "base_link"))
@@ -113,9 +112,9 @@ def test_an_example_runs_and_draws_its_picture(name, demo, tmp_path, monkeypatch
 
 
 def test_two_rgbd_arrays_give_their_motion():
-    room, camera = wide_room(), sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
+    camera = sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
     places = drive(8)[0], drive(8)[7]
-    views = [sphere_nav.RgbdView(*room.rgbd(camera, place), camera) for place in places]
+    views = [sphere_nav.RgbdView(*WIDE_ROOM.rgbd(camera, place), camera) for place in places]
     found = sphere_nav.register(*views)
     expected = T_BODY_OPTICAL @ (places[0].inverse() @ places[1]) @ T_BODY_OPTICAL.inverse()
     assert found.is_converged

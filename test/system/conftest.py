@@ -55,11 +55,6 @@ def write_bag(path: Path, messages: Iterable[Message]) -> Path:
     return path
 
 
-@pytest.fixture
-def bag(tmp_path: Path) -> Callable[..., Path]:
-    return lambda name, messages: write_bag(tmp_path / name, messages)
-
-
 def wall() -> tuple[np.ndarray, np.ndarray]:
     """Return an image of smooth noise and its depth: a slanted wall 2...4 m away."""
     noise = np.random.default_rng(SEED).integers(0, 255, (SMALL.height, SMALL.width, 3), np.uint8)
@@ -67,10 +62,10 @@ def wall() -> tuple[np.ndarray, np.ndarray]:
     return cv2.GaussianBlur(noise, (0, 0), 2.0), depth.copy()
 
 
-def wall_messages(count: int = 3) -> list[Message]:
+def wall_messages() -> list[Message]:
     frames, (pixels, depth_m) = Frames(SMALL), wall()
     messages = [frames.mount(SECOND)]
-    for stamp in range(SECOND, SECOND + count * PERIOD, PERIOD):
+    for stamp in range(SECOND, SECOND + 3 * PERIOD, PERIOD):
         parts = (frames.truth(SE3.identity(), stamp), frames.info(stamp))
         messages += [*parts, frames.depth(depth_m, stamp), frames.image(pixels, stamp)]
     return messages

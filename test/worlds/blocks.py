@@ -9,8 +9,6 @@ from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels.pyramid import Level
 
-IDENTITY = SE3.identity()
-
 
 def points_before(camera, rng, number=1500):
     """Random points (M, 3) m that the camera sees."""

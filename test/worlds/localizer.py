@@ -19,11 +19,12 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
-from worlds.room import Room
+from worlds.room import Room, wide_room
 
 STEP_NS = 50_000_000  # 20 images a second
 PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
+WIDE_ROOM = wide_room()
 # The images are sixteen times smaller than a camera's.
 SMALL_IMAGES = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}
 features = cache(features_of_sphere)
@@ -58,6 +59,18 @@ def make_map(room: Room, places: list[SE3], camera: Spherical | None = None) -> 
     """Return a map of the room with a sphere at every place."""
     camera = camera or Spherical(512, 256)
     return MemoryMap(KeySphere(i, 1 + i, T, room.sphere(T, camera, i)) for i, T in enumerate(places))
+
+
+@cache
+def wide_map(*along: float) -> MemoryMap:
+    """Return a map of the wide room with spheres at x = `along`; it is made once in a process."""
+    return make_map(WIDE_ROOM, [SE3.from_planar(x, 0.0, 0.0) for x in along])
+
+
+@cache
+def picture(number: int) -> np.ndarray:
+    """Return what a camera sees of the wide room on the drive."""
+    return WIDE_ROOM.photograph(PINHOLE, drive(number + 1)[number], number)
 
 
 def at(x: float, y: float = 0.0, yaw: float = 0.0, z: float = 0.0) -> SE3:

@@ -23,14 +23,14 @@ DAY, NIGHT = make_room(7, 1, (0.0, 2.0, 4.0)), make_room(7, 9, (-0.7, 1.2, 3.2))
 ELSEWHERE = make_room(31, 9, (-0.7, 1.2, 3.2))
 
 
-def make_sphere(world, pose, stamp_ns=0, *, is_dark):
+def make_sphere(world, pose, *, is_dark):
     """Return what a whole sphere sees of a room."""
     gray, range_m = world.render(CAMERA, pose)
     gray = gray.astype(np.float32)
     if is_dark:
         gray *= 0.6 + 0.4 * np.cos(np.linspace(0.0, 2.0 * np.pi, CAMERA.width))[None, :]
         gray[:, 60:130] = gray[:, 60:130].max() - gray[:, 60:130]
-    return Sphere(np.clip(gray, 1, 255).astype(np.uint8), range_m.astype(np.float32), CAMERA, stamp_ns=stamp_ns)
+    return Sphere(np.clip(gray, 1, 255).astype(np.uint8), range_m.astype(np.float32), CAMERA)
 
 
 def make_submap(world, poses, first_id, T=None, *, is_dark):

@@ -14,8 +14,8 @@ def image(topic, encoding="rgb8", frame="color_optical", size=(640, 480), count=
     return Stream(topic, IMAGE, count, 30.0, frame, *size, encoding)
 
 
-def compressed(topic, format_="rgb8; jpeg compressed bgr8", frame="color_optical", count=100):
-    return Stream(topic, COMPRESSED, count, 30.0, frame, encoding=f"compressed: {format_}")
+def compressed(topic, format_="rgb8; jpeg compressed bgr8"):
+    return Stream(topic, COMPRESSED, 100, 30.0, "color_optical", encoding=f"compressed: {format_}")
 
 
 def info(topic, frame="color_optical", size=(640, 480)):

@@ -46,13 +46,13 @@ HEIGHT = 0.4  # of the level ground below, m
 POOL = ThreadPoolExecutor(1)
 
 
-def weather_of(season, light=None, noise=0.0):
+def weather_of(season, noise=0.0):
     """Return weather over level ground without a roof, and a view of it from 1.5 m above in three slopes."""
     mesh = MeshBuilder(np.random.default_rng(1))
     mesh.panels([[[-50, -50, HEIGHT], [50, -50, HEIGHT], [50, 50, HEIGHT], [-50, 50, HEIGHT]]], ASPHALT)
     built = mesh.build()
     sky = ShadowMap(PacketScene(built.triangles), (1.0, 0.0), np.array([0.0, 0.0, 1.0]), np.zeros(3), POOL)  # open
-    weather = Weather(built, light or LightParams(), season, sky)
+    weather = Weather(built, LightParams(), season, sky)
     weather._noise = lambda *_: np.full(3, noise, np.float32)
     down = np.array([0.2, 0.5, 0.9])
     rays = np.stack([0.6 * np.sqrt(1 - down**2), 0.8 * np.sqrt(1 - down**2), -down], axis=1).astype(np.float32)

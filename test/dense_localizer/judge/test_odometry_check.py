@@ -24,6 +24,12 @@ class Drive:
         self.rng, self.late_s, self.scale = np.random.default_rng(seed), late_s, scale
         self.check, self.k, self.T_odom = OdometryCheck(ERROR), 100, SE3.identity()
 
+    def settle(self):
+        """Drive a second on poses like those of odometry."""
+        for _ in range(20):
+            self.step()
+        return self
+
     def step(self, *, is_trusted=True, T_error=None, T_told=None, sigma=1.0, defies_odometry=False):
         self.k += 1
         t, before = self.k * STEP_NS * 1e-9, (self.k - 1) * STEP_NS * 1e-9
@@ -56,9 +62,7 @@ def test_a_delay_is_found_from_changes_of_the_motion(late_s):
 
 
 def test_a_place_after_a_loss_must_be_where_odometry_says():
-    drive = Drive(2)
-    for _ in range(20):
-        drive.step()
+    drive = Drive(2).settle()
     for _ in range(20):
         drive.check.propagate(drive.T_odom, is_trusted=False)
     drive.check.start(OdometrySample(drive.k * STEP_NS, at(drive.k * STEP_NS * 1e-9), COVARIANCE, drive.T_odom))
@@ -66,9 +70,7 @@ def test_a_place_after_a_loss_must_be_where_odometry_says():
 
 
 def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed():
-    drive, wrong = Drive(3), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(20):
-        drive.step()
+    drive, wrong = Drive(3).settle(), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
     drive.step()
     findings = [drive.step(is_trusted=False, T_error=wrong) for _ in range(int(DISPUTE_S / 0.05) + 10)]
     assert all(finding.reason is Reason.ODOM_STALE for finding in findings[: int(DISPUTE_S / 0.05)])
@@ -76,9 +78,7 @@ def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed(
 
 
 def test_a_place_that_is_again_where_odometry_says_is_believed_at_once():
-    drive, wrong = Drive(4), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(20):
-        drive.step()
+    drive, wrong = Drive(4).settle(), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
     disputed = [drive.step(is_trusted=False, T_error=wrong).reason for _ in range(4)]
     assert disputed == [Reason.ODOM_STALE] * 4
     assert [drive.step(is_trusted=False).reason for _ in range(4)] == [Reason.NONE] * 4
@@ -114,9 +114,7 @@ def test_what_defies_odometry_is_held_to_it_though_the_pose_was_trusted(meters, 
 
 def test_a_dispute_ends_where_the_pose_that_is_told_is_where_odometry_says():
     """An image that is not sure is near to both, and what is told may stay at the disputed place."""
-    drive, wrong = Drive(6), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(20):
-        drive.step()
+    drive, wrong = Drive(6).settle(), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
     assert drive.step(T_error=wrong, defies_odometry=True).reason is Reason.ODOM_STALE
     assert drive.step(T_error=SE3.exp([0.0, 0.35, 0.0, 0.0, 0.0, 0.0]), sigma=60.0).reason is Reason.ODOM_STALE
     assert drive.step(T_told=wrong, sigma=60.0).reason is Reason.ODOM_STALE

@@ -109,12 +109,9 @@ def test_what_is_ahead_is_asked_for_again_after_some_way_longer_at_speed(
     assert len(begun) == 1 + is_begun
 
 
-def seen_from(room, pose):
-    return RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
-
-
 def test_local_contrast_of_image_and_key_spheres_is_that_of_one_window(room, room_map):
-    references, image, pose = References(room_map, PARAMS), seen_from(room, at(0.4)), at(0.4)
+    references, pose = References(room_map, PARAMS), at(0.4)
+    image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
     window = contrast_window(room_map.load_sphere(0).camera)
     prediction = replace(Prediction.guess(pose), by_contrast=True)
     chosen = references.choose_rig([image], prediction)

@@ -28,8 +28,8 @@ def references():
     found.close()
 
 
-def seen(pose, seed=3):
-    image = relit(ROOM.photograph(CAMERA, pose, seed), seed)
+def seen(pose):
+    image = relit(ROOM.photograph(CAMERA, pose, 3), 3)
     return RigImage(build_pyramid(image, CAMERA, PARAMS.registration.pyramid))
 
 

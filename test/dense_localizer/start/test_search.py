@@ -21,8 +21,8 @@ PARAMS = build(LocalizerParams, SMALL_IMAGES)
 BY_EDGES, TURNED, SNOW = at(1.0), at(2.0), Experience("snow")
 
 
-def pyramid_at(room, pose, seed=3):
-    return build_pyramid(room.photograph(PINHOLE, pose, seed), PINHOLE, PARAMS.registration.pyramid)
+def pyramid_at(room, pose):
+    return build_pyramid(room.photograph(PINHOLE, pose, 3), PINHOLE, PARAMS.registration.pyramid)
 
 
 @pytest.fixture

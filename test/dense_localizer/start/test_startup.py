@@ -20,15 +20,14 @@ from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
 
-def pyramid_at(room, pose, seed=3):
-    return build_pyramid(room.photograph(PINHOLE, pose, seed), PINHOLE, PARAMS.registration.pyramid)
+def pyramid_at(room, pose):
+    return build_pyramid(room.photograph(PINHOLE, pose, 3), PINHOLE, PARAMS.registration.pyramid)
 
 
-def find_start(references, pyramid, T_map_guess=None):
-    """Search near a pose, or everywhere, as the localizer does."""
-    startup, seen = Startup(references, PARAMS), RigImage(pyramid)
-    poses = startup.propose(seen) if T_map_guess is None else startup.propose_near(seen, T_map_guess)
-    return choose(poses, references, seen)
+def find_start(references, pyramid):
+    """Search everywhere, as the localizer does."""
+    seen = RigImage(pyramid)
+    return choose(Startup(references, PARAMS).propose(seen), references, seen)
 
 
 def choose(poses, references, seen):
@@ -44,7 +43,8 @@ def test_the_camera_is_found_anywhere_at_any_heading(room, room_map):
 
 
 def test_a_camera_turned_about_its_axis_is_found(room, room_map):
-    references, pose = References(room_map, PARAMS), at(0.2, 0.1, 0.4) @ about_axis(-70.0)
+    references = References(room_map, PARAMS)
+    pose = at(0.2, 0.1, 0.4) @ SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(-70.0)])
     seen = RigImage(pyramid_at(room, pose))
     start = choose(Startup(references, PARAMS).propose_turned(seen), references, seen)
     assert start.candidate is not None
@@ -76,10 +76,6 @@ def test_a_camera_far_below_the_mapping_one_is_looked_for_where_it_is(room):
     for poses in (Startup(references, PARAMS).propose(seen), Startup(references, PARAMS).propose_near(seen, pose)):
         assert np.all(np.less(poses[0].distance(pose), (0.1, 0.05)))
         assert all(abs(one.translation[2] + 1.0) < 0.1 for one in poses)
-
-
-def about_axis(roll_deg):
-    return SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(roll_deg)])
 
 
 def test_a_partial_sphere_is_found_beside_its_heading(room):

@@ -66,11 +66,6 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
     np.testing.assert_allclose(covariance, Ad @ (np.eye(6) + by_map) @ Ad.T, atol=1e-12)
 
 
-def night(image):
-    """A torch that shows other patterns than the day's."""
-    return np.random.default_rng(1).permuted(image, axis=1)
-
-
 @pytest.mark.slow
 def test_depth_of_a_camera_on_a_body_places_the_body(run):
     T_body_camera = SE3.exp([0.3, -0.1, 0.2, 0.0, 0.2, 0.1])
@@ -107,17 +102,13 @@ def support(room_map):
     return RangeSupport(localizer.references, localizer.params)
 
 
-def candidate_at(pose, sigma=0.02, *, is_accepted=True, is_guess=False):
-    prediction = Prediction.guess(pose) if is_guess else Prediction(pose, 0.05**2 * np.eye(6), 1)
-    acceptance = Acceptance(is_accepted, is_good=False, finding=FINE, quality=0.1)
-    return PoseCandidate(pose, sigma**2 * np.eye(6), prediction, None, acceptance)
-
-
 @pytest.mark.parametrize(("off_m", "is_joined"), [(0.03, True), (0.3, False)])
 def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_joined):
     pose, off = at(0.2, 0.1, 0.2), SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
     frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
-    given = replace(candidate_at(pose @ off), prediction=candidate_at(pose).prediction)
+    acceptance = Acceptance(is_accepted=True, is_good=False, finding=FINE, quality=0.1)
+    prediction = Prediction(pose, 0.05**2 * np.eye(6), 1)
+    given = PoseCandidate(pose @ off, 0.02**2 * np.eye(6), prediction, None, acceptance)
     found = support.support(frame, given)
     assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
     assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03

@@ -16,9 +16,9 @@ from sphere_nav.geometry import Spherical
 CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9)
 
 
-def observe(x, y, yaw, second=1):
+def observe(x, y, yaw):
     camera = Spherical(16, 8)
-    return Observation(np.zeros((8, 16), np.uint8), camera, second * 10**9, np.eye(3), np.array([x, y, yaw]))
+    return Observation(np.zeros((8, 16), np.uint8), camera, 10**9, np.eye(3), np.array([x, y, yaw]))
 
 
 def reckoning(**params):

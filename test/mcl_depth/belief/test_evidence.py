@@ -33,11 +33,11 @@ def seen(odometry=None, finding=FINE, **flags):
     return Reconciled(image, finding, **flags)
 
 
-def grid_of(side=SIDE, capacity=10**6):
+def grid_of(side=SIDE):
     axis = (np.arange(side) + 0.5) * EDGE
     middles = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     cells = SimpleNamespace(
-        edge=EDGE, cache=SimpleNamespace(capacity=capacity), cells=lambda xy: np.floor(xy / EDGE).astype(np.int64)
+        edge=EDGE, cache=SimpleNamespace(capacity=10**6), cells=lambda xy: np.floor(xy / EDGE).astype(np.int64)
     )
     return SurveyGrid(cells, middles)
 
@@ -45,8 +45,8 @@ def grid_of(side=SIDE, capacity=10**6):
 class Images:
     """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
 
-    def __init__(self, grid, seed, pose=None, signal=0.0, *, is_symmetric=False):
-        self._grid, self._seed, self._is_symmetric = grid, seed, is_symmetric
+    def __init__(self, grid, seed, pose=None, signal=0.0):
+        self._grid, self._seed = grid, seed
         self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
         if pose is not None:
             nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
@@ -55,12 +55,8 @@ class Images:
 
     @property
     def mirrored(self):
-        """The mirrored image shows no place of the map, or, where that is its own mirror image, the place across."""
-        images = Images(self._grid, 1000 + self._seed)
-        if self._is_symmetric:
-            curves = self._curves.reshape(*self._grid.shape, NUM_HEADINGS)[:, ::-1]
-            images._curves = np.roll(curves[..., ::-1], 1, axis=-1).reshape(-1, NUM_HEADINGS)
-        return images
+        """The mirrored image shows no place of the map."""
+        return Images(self._grid, 1000 + self._seed)
 
     def survey(self, positions, rows=None):
         return self._curves[slice(None) if rows is None else rows].astype(np.float32)

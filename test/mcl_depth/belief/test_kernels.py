@@ -9,8 +9,8 @@ from mcl_depth.belief.evidence import find_maxima
 from mcl_depth.belief.joint_evidence import relax, shift_headings
 
 
-def field_of(seed, shape=(12, 9, 7)):
-    return np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+def field_of(seed):
+    return np.random.default_rng(seed).normal(size=(12, 9, 7)).astype(np.float32)
 
 
 def test_headings_are_shifted_each_by_its_own_way():

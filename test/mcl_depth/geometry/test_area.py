@@ -13,7 +13,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def floor(x0, x1, y0=0.0, y1=4.0, slope=0.0):
-    x, y = np.meshgrid(np.arange(x0, x1, 0.1), np.arange(y0, y1, 0.1))
+    x, y = np.meshgrid(np.arange(x0, x1, 0.1), np.arange(0.0, 4.0, 0.1))
     return np.column_stack([x.ravel(), y.ravel(), slope * x.ravel()])
 
 
@@ -33,8 +33,8 @@ def test_the_ground_follows_a_slope_under_roofs_and_ends_with_the_map():
     np.testing.assert_allclose(heights, 0.0, atol=1e-9)
 
 
-def wall(x, y0=0.0, y1=4.0):
-    y, z = np.meshgrid(np.arange(y0, y1, 0.1), np.arange(0.0, 2.5, 0.1))
+def wall(x):
+    y, z = np.meshgrid(np.arange(0.0, 4.0, 0.1), np.arange(0.0, 2.5, 0.1))
     return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
 
 
@@ -83,9 +83,9 @@ def test_what_is_within_thirty_centimeters_of_the_camera_is_in_its_way():
             assert 0.25 < near < 0.5  # the clearance
 
 
-def sweep(height, lowest_deg=-25.0):
+def sweep(height):
     """What a scanner sees of a flat court of 20 x 20 m, in its own frame."""
-    a, e = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(lowest_deg, 15.0, 0.6)))
+    a, e = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(-25.0, 15.0, 0.6)))
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
     with np.errstate(divide="ignore"):
         ground = np.where(rays[:, 2] < 0.0, -height / rays[:, 2], np.inf)

@@ -19,9 +19,9 @@ def rooms_of(path):
     return {room: rings_of([one for one in walls if one.room == room]) for room in dict.fromkeys(w.room for w in walls)}
 
 
-def ring_of(corners, room="a", bottom=0.0, top=HEIGHT):
+def ring_of(corners):
     pairs = zip(corners, corners[1:] + corners[:1], strict=True)
-    return [f"wall,{room},{x0},{y0},{x1},{y1},{bottom},{top}" for (x0, y0), (x1, y1) in pairs]
+    return [f"wall,a,{x0},{y0},{x1},{y1},0.0,{HEIGHT}" for (x0, y0), (x1, y1) in pairs]
 
 
 def area_of(tmp_path, rows):

@@ -54,8 +54,8 @@ def cloud(tmp_path_factory):
     return path
 
 
-def path_message(frame="map"):
-    return poses_to_path([(0, pose) for pose in PATH], SECOND, frame)
+def path_message():
+    return poses_to_path([(0, pose) for pose in PATH], SECOND, "map")
 
 
 def bench_of(eye, cloud, **more):

@@ -61,6 +61,10 @@ class Trip:
                     self.answer(request)
         return self.asked[before:]
 
+    def live_until(self, request):
+        while self.asked[-1:] != [request]:
+            self.live()
+
     def answer(self, request):
         def do():
             return self.refusal or self.mode.take(EVENTS[request.name], OPERATOR)
@@ -318,8 +322,7 @@ def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
 )
 def test_a_start_that_is_refused_for_what_is_missing_is_tried_again(trip, refusal):
     trip.mission.begin(GOAL, trip.now)
-    while trip.asked[-1:] != ["load"]:
-        trip.live()
+    trip.live_until("load")
     trip.refusal = refusal
     trip.live(1.0)
     assert (trip.mission.state, trip.mission.reason) == (MissionState.WAITING, refusal)
@@ -331,8 +334,7 @@ def test_an_emergency_stop_that_is_released_starts_nothing(trip):
     trip.drive_off()
     trip.stop("EMERGENCY_STOP")
     trip.mission.resume(trip.now)
-    while trip.asked[-1:] != ["load"]:
-        trip.live()
+    trip.live_until("load")
     trip.refusal = "EMERGENCY_STOP: release it, then call start"
     trip.live(1.0)
     assert (trip.mission.state, trip.mission.reason) == (
@@ -370,8 +372,7 @@ def test_a_mission_whose_vehicle_somebody_else_has_stopped_is_held_whatever_it_w
 def test_a_request_that_was_decided_before_a_stop_is_refused(trip):
     """It is under way while the vehicle is stopped."""
     trip.mission.begin(GOAL, trip.now)
-    while trip.asked[-1:] != ["load"]:
-        trip.live()
+    trip.live_until("load")
     trip.is_answering = False
     assert trip.live() == ["start"]
     late = trip.mission._pending[0]

@@ -93,8 +93,8 @@ def test_a_course_is_what_the_follower_reads(fork, tmp_path):
     assert path.possible[10] == pytest.approx(FollowerParams().vehicle.max_speed, abs=0.1)
 
 
-def write_csv(path, poses, speed=0.8):
-    rows = [f"{x:.4f},{y:.4f},{yaw:.5f},{speed}" for x, y, yaw in poses]
+def write_csv(path, poses):
+    rows = [f"{x:.4f},{y:.4f},{yaw:.5f},0.8" for x, y, yaw in poses]
     path.write_text("\n".join(["# map_id: campus", "x,y,yaw,speed", *rows]))
     return path
 

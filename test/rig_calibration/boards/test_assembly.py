@@ -13,8 +13,8 @@ CAMERAS = [SE3.exp([0.1 * k, -0.2 * k, 0.05, 0.1, 0.3 * k, -0.2]) for k in range
 BOARDS = [SE3.exp([1.0 + k, 0.3 * k, -0.4, 0.2, -0.3 * k, 0.1 * k]) for k in range(3)]
 
 
-def rigs(count, seed=0):
-    rng = np.random.default_rng(seed)
+def rigs(count):
+    rng = np.random.default_rng(0)
     return [SE3.exp([*rng.normal(0, 0.4, 3), *rng.normal(0, 0.5, 3)]) for _ in range(count)]
 
 

@@ -21,7 +21,7 @@ def seen():
     return views_of(CAMERA)
 
 
-def views_of(camera, spread=0.3, nearest=0.9, noise_px=0.1):
+def views_of(camera, spread=0.3, nearest=0.9):
     """Return 15 views; the spread of their centres by distance."""
     rng = np.random.default_rng(1)
     pixels = []
@@ -30,7 +30,7 @@ def views_of(camera, spread=0.3, nearest=0.9, noise_px=0.1):
         center = np.array([*rng.normal(0.0, spread, 2), 1.0]) * rng.uniform(nearest, nearest + 0.7)
         found, is_seen = camera.project(SE3.from_parts(R, center - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
         if is_seen.all():
-            pixels.append(found + rng.normal(0.0, noise_px, found.shape))
+            pixels.append(found + rng.normal(0.0, 0.1, found.shape))
     return observations([0] * 15, range(15), [0] * 15, [BOARD.points] * 15, pixels)
 
 

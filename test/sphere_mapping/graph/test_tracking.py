@@ -22,8 +22,8 @@ STEP = SE3.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.03])
 POSES = [SE3.identity(), STEP, STEP @ STEP, STEP @ STEP @ STEP]
 
 
-def prepared(T_room_sphere, number, room=ROOM):
-    sphere = room.sphere(T_room_sphere, CAMERA, number)
+def prepared(T_room_sphere, number):
+    sphere = ROOM.sphere(T_room_sphere, CAMERA, number)
     object.__setattr__(sphere, "stamp_ns", number * PERIOD_NS)
     return PreparedSphere(sphere)
 
@@ -187,7 +187,7 @@ TRUTH = np.array([0.3, 0.0, 0.1, 0.0, 0.2, 0.5])  # per second
 SHARE = 0.4  # of an error of the velocity comes back as an error of the pose
 
 
-def aligned(start, is_converged=True):
+def aligned(start):
     """Align a sphere that a wrong velocity bends; return the velocities it was bent by."""
     prior, used = DriveMotion(), []
     prior.update(Placed(0, SE3.exp(-0.1 * start)))
@@ -196,7 +196,7 @@ def aligned(start, is_converged=True):
     def align(current):
         used.append(current.sphere)
         T = SE3.exp((TRUTH + SHARE * (current.sphere - TRUTH)) * 0.1)
-        return SimpleNamespace(is_converged=is_converged, T_world_camera=T)
+        return SimpleNamespace(is_converged=True, T_world_camera=T)
 
     align_unrolled(lambda velocity: velocity, 2 * PERIOD_NS, prior, align)
     return used

@@ -21,7 +21,7 @@ SECOND = 1_000_000_000
 class Vehicle:
     """A vehicle whose IMU has a publisher, or not; `said` is what it warns of."""
 
-    def __init__(self, *, has_imu=False, is_live=True, **values):
+    def __init__(self, *, has_imu=False, **values):
         self.tree, self.said, self.removed = TransformTree(), [], []
         log = SimpleNamespace(warning=lambda text, **_: self.said.append(text))
         endpoints = SimpleNamespace(
@@ -30,7 +30,7 @@ class Vehicle:
             publishers_of=lambda topic: ["driver"] if has_imu and topic == "imu" else [],
             log=log,
         )
-        self.frame = VehicleFrame(endpoints, SphereMapperParams(**values), self.tree, is_live=is_live)
+        self.frame = VehicleFrame(endpoints, SphereMapperParams(**values), self.tree, is_live=True)
 
     def mount(self):
         for transform in mount().transforms:

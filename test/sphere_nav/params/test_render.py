@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import yaml
 
+from architecture.tree import flatten
 from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
 from sphere_nav.params.render import to_yaml
 
@@ -23,13 +24,6 @@ class Whole:
     whole: float = param(2, "declared as an integer", "m", low=0.0)
     middle: Middle = group(Middle)
     flag: bool = param(True, "a truth value")
-
-
-def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
-    values: dict[str, object] = {}
-    for name, item in tree.items():
-        values |= flatten(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
-    return values
 
 
 def test_the_yaml_file_holds_every_default_with_its_type() -> None:

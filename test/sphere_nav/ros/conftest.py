@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from worlds.desk import Desk
 
 START = 5_000_000_000
 STEP = 100_000_000
@@ -66,3 +68,10 @@ def ros() -> Iterator[None]:
     rclpy.init()
     yield
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def open_desk(ros: None) -> Iterator[Callable[..., Desk]]:
+    """Open desks that are closed at the end."""
+    with ExitStack() as desks:
+        yield lambda kind, **values: desks.enter_context(closing(kind(**values)))

@@ -1,17 +1,13 @@
 """An action over real DDS: whatever its callbacks raise, the client gets an answer, and the node goes on."""
 
-from contextlib import closing
-
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from sphere_nav_msgs.action import Navigate
 
 from sphere_nav.ros.endpoints import GoalCalls
-from sphere_nav.ros.executor import GuardedExecutor
-from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
-from worlds.desk import Desk
+from worlds.desk import ShellDesk
 
 
 class Walker(ManagedNode):
@@ -40,24 +36,20 @@ class Walker(ManagedNode):
 
 
 @pytest.fixture
-def walk(ros):
-    with closing(Walk()) as walk:
-        yield walk
-        walk.client.destroy()
-        walk.shell.stop()
+def walk(open_desk):
+    walk = open_desk(Walk)
+    yield walk
+    walk.client.destroy()
+    walk.shell.stop()
 
 
-class Walk(Desk):
+class Walk(ShellDesk):
     def __init__(self):
-        self.shell, self.feedback = LiveShell(Walker), []
-        super().__init__(self.shell, executor=GuardedExecutor(self.shell.failures))
+        super().__init__(Walker)
+        self.feedback = []
         assert self.shell.start()
         self.client = ActionClient(self.peer, Navigate, "walk")
         self.until(self.client.server_is_ready)
-
-    def done(self, future):
-        self.until(future.done)
-        return future.result()
 
     def ask(self, place):
         request = Navigate.Goal(place=place)

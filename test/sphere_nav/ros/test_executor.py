@@ -1,11 +1,8 @@
 """Whatever a callback raises, of ours or of rclpy, the same callback is served again and the process goes on."""
 
-from contextlib import ExitStack, closing
-
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.parameter import Parameter as Setting
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
@@ -15,9 +12,8 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.endpoints import ERROR, OK
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
-from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
-from worlds.desk import Desk
+from worlds.desk import Desk, ShellDesk
 
 MAX_WAITS, RECENT_S = 50, 10.0  # written out: imported, a change would go unseen
 
@@ -59,10 +55,9 @@ def failures():
 
 
 @pytest.fixture
-def bare(ros, failures):
+def bare(open_desk, failures):
     """A plain node in the guarded executor."""
-    with closing(Desk(executor=GuardedExecutor(failures))) as desk:
-        yield desk
+    return open_desk(Desk, executor=GuardedExecutor(failures))
 
 
 # --- each kind of callback
@@ -161,10 +156,9 @@ def test_level_and_line_of_the_diagnostics():
 
 
 # --- a whole node, and what rclpy opens for it
-class Echoed(Desk):
+class Echoed(ShellDesk):
     def __init__(self, **values):
-        self.shell = LiveShell(Echo, parameter_overrides=[Setting(name, value=value) for name, value in values.items()])
-        super().__init__(self.shell, executor=GuardedExecutor(self.shell.failures))
+        super().__init__(Echo, **values)
         self.clients, self.heard = {}, []
         self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
@@ -174,9 +168,7 @@ class Echoed(Desk):
         if name not in self.clients:
             self.clients[name] = self.peer.create_client(kind, f"echo/{name}")
         self.until(self.clients[name].service_is_ready)
-        answer = self.clients[name].call_async(request)
-        self.until(answer.done)
-        return answer.result()
+        return self.done(self.clients[name].call_async(request))
 
     def works(self, number):
         def prod():
@@ -188,15 +180,13 @@ class Echoed(Desk):
 
 
 @pytest.fixture
-def make_desk(ros):
-    with ExitStack() as desks:
+def make_desk(open_desk):
+    def make(**values):
+        desk = open_desk(Echoed, **values)
+        assert desk.shell.start() or not values.get("autostart", True)
+        return desk
 
-        def make(**values):
-            desk = desks.enter_context(closing(Echoed(**values)))
-            assert desk.shell.start() or not values.get("autostart", True)
-            return desk
-
-        yield make
+    return make
 
 
 def typed(name, kind, **value):

@@ -1,7 +1,7 @@
 """A node over real DDS: lifecycle, messages, services, parameters, and what it says when nothing comes."""
 
 import time
-from contextlib import ExitStack, closing
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -15,10 +15,9 @@ from std_srvs.srv import Trigger
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import ns_to_time
-from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN, ManagedNode
 from sphere_nav.ros.shared_files import software
-from worlds.desk import Desk
+from worlds.desk import ShellDesk
 
 
 @parameters
@@ -65,12 +64,10 @@ class Doubler(ManagedNode):
         return response
 
 
-class Doubled(Desk):
+class Doubled(ShellDesk):
     def __init__(self, **values):
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
-        self.shell = LiveShell(Doubler, parameter_overrides=overrides)
-        super().__init__(self.shell)
-        self.node, self.statuses, self.doubled, self.said = self.shell.node, {}, [], []
+        super().__init__(Doubler, **values)
+        self.statuses, self.doubled, self.said = {}, [], []
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
         self.peer.create_subscription(Int32, "doubled", lambda m: self.doubled.append(m.data), qos.LATCHED)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
@@ -89,13 +86,8 @@ class Doubled(Desk):
 
 
 @pytest.fixture
-def make_desk(ros):
-    with ExitStack() as desks:
-
-        def make(**values):
-            return desks.enter_context(closing(Doubled(**values)))
-
-        yield make
+def make_desk(open_desk):
+    return partial(open_desk, Doubled)
 
 
 def test_messages_and_diagnostics(make_desk):
@@ -134,9 +126,7 @@ def test_the_lifecycle_is_that_of_ros(make_desk):
     desk.until(client.service_is_ready)
 
     def change(transition):
-        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
-        desk.until(future.done)
-        return future.result().success
+        return desk.done(client.call_async(ChangeState.Request(transition=Transition(id=transition)))).success
 
     assert desk.shell.node.inputs == []
     assert change(Transition.TRANSITION_CONFIGURE)

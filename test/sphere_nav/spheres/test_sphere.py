@@ -117,15 +117,3 @@ def test_the_nearest_surface_of_a_block_counts_and_the_unknown_does_not():
     assert np.isnan(small.range_m[0, 1])
     assert small.range_m[0, 2] == np.inf
     assert small.range_m[0, 3] == 20.0
-
-
-def colored():
-    """Return a sphere in colour with measured, far and unknown ranges."""
-    rng = np.random.default_rng(5)
-    camera = Spherical(64, 32, 64.0)
-    image = rng.integers(1, 256, (camera.height, camera.width, 3), np.uint8)
-    range_m = rng.uniform(0.02, 200.0, image.shape[:2]).astype(np.float32)
-    range_m[0], range_m[1, :9], range_m[2, 3] = np.nan, np.inf, 0.01
-    std_m = (range_m * rng.uniform(0.002, 0.1, range_m.shape)).astype(np.float32)
-    std_m[~np.isfinite(range_m)] = np.nan
-    return Sphere(image, range_m, camera, 7, std_m)

@@ -13,9 +13,9 @@ PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 T_SPHERES = (SE3.identity(), SE3.from_planar(0.8, 0.0, 0.6))
 
 
-def placed(room, weights=(0.5, 0.5)):
+def placed(room):
     spheres = [surface_of(room.sphere(T, SPHERE)) for T in T_SPHERES]
-    return [PlacedSurface(*one) for one in zip(spheres, T_SPHERES, weights, strict=True)]
+    return [PlacedSurface(*one, 0.5) for one in zip(spheres, T_SPHERES, strict=True)]
 
 
 def psnr(view, gray):
@@ -66,9 +66,9 @@ def test_weights_fall_with_the_distance_to_none_at_the_one_left_out():
     assert blend_weights([0.0, 0.0]).tolist() == [1.0]
 
 
-def ball(range_m, gray, weight, camera=SPHERE):
-    shape = (camera.height, camera.width)
-    sphere = Sphere(np.full(shape, gray, np.uint8), np.full(shape, range_m, np.float32), camera)
+def ball(range_m, gray, weight):
+    shape = (SPHERE.height, SPHERE.width)
+    sphere = Sphere(np.full(shape, gray, np.uint8), np.full(shape, range_m, np.float32), SPHERE)
     return PlacedSurface(surface_of(sphere), SE3.identity(), weight)
 
 

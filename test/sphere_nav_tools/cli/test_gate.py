@@ -21,9 +21,9 @@ class Headers(dict):
         return [value for name, value in self.items() if name.strip() == key]
 
 
-def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.1", visitor="127.0.0.1", **more):
+def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.1", **more):
     headers = Headers({"Host": host} | {name.replace("_", "-"): value for name, value in more.items()})
-    return Gate(served, TOKEN).judge(guess.encode(), headers, here, visitor)
+    return Gate(served, TOKEN).judge(guess.encode(), headers, here, "127.0.0.1")
 
 
 def test_this_machine_by_its_names_is_let_in_at_any_end_of_a_tunnel():

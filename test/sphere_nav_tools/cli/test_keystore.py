@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 import rclpy
 from rclpy.parameter import Parameter
@@ -22,8 +21,7 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve
+from path_follower.routes.building import build_network
 from path_follower.routes.network_file import write_network
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
@@ -35,6 +33,7 @@ from sphere_nav.ros.shared_files import share_file
 from sphere_nav_tools.cli.keystore import policy_of
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.processes import start_command
+from worlds.curves import straight_road
 from worlds.patience import Patience, wait_until
 from worlds.rig import vertical_rig
 
@@ -69,8 +68,7 @@ ACTION = ("send_goal", "get_result", "cancel_goal")
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    x = np.linspace(0.0, 20.0, 201)
-    write_network(tmp_path / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+    write_network(tmp_path / "routes.geojson", build_network([straight_road(20.0)]))
     write_rig(tmp_path / "rig.yaml", vertical_rig())
     return tmp_path
 

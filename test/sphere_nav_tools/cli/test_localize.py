@@ -33,8 +33,7 @@ from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.localizing import write_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera, patience
 from sphere_nav_tools.offline.settings import read_pose
-from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.room import wide_room
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, picture, wide_map
 
 START_NS = 1_000_000_000
 NUM_IMAGES = 8
@@ -43,17 +42,15 @@ TUNED = [word for name, value in SMALL_IMAGES.items() for word in ("--set", f"{n
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    folder, room = tmp_path_factory.mktemp("localize"), wide_room()
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
-    save_map(folder / "map", sphere_map.graph)
+    folder = tmp_path_factory.mktemp("localize")
+    save_map(folder / "map", wide_map(-2.0, -1.0, 0.0).graph)
     with BagWriter(folder / "bag") as bag:
         transform = se3_to_transform(T_BODY_OPTICAL, START_NS, "base_link", "optical")
         bag.write("/tf_static", TFMessage(transforms=[transform]), START_NS)
-        for k, pose in enumerate(drive(NUM_IMAGES)):
+        for k in range(NUM_IMAGES):
             stamp = START_NS + k * STEP_NS
             bag.write("/camera_info", camera_to_info(PINHOLE, stamp, "optical"), stamp)
-            image = room.photograph(PINHOLE, pose, k)
-            bag.write("/image_raw", array_to_image(image, stamp, "optical", "mono8"), stamp)
+            bag.write("/image_raw", array_to_image(picture(k), stamp, "optical", "mono8"), stamp)
     return folder
 
 

@@ -79,9 +79,9 @@ def test_a_network_place_or_way_that_cannot_be_is_refused_in_one_line(drives, ca
     assert said.err.count("\n") == 1
 
 
-def straight(length, y=0.0, speed=0.5):
+def straight(length, y=0.0):
     x = np.linspace(0.0, length, 101)
-    return EdgeCurve(x, np.full(101, y), 0 * x, np.linspace(0.1, speed, 101))
+    return EdgeCurve(x, np.full(101, y), 0 * x, np.linspace(0.1, 0.5, 101))
 
 
 def arc(radius):

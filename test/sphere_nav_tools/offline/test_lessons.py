@@ -31,8 +31,7 @@ from sphere_nav_tools.offline.lessons import (
     make_sphere,
     split_lesson,
 )
-from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.room import wide_room
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, WIDE_ROOM, picture, wide_map
 
 START_NS = 1_000_000_000
 NUM_IMAGES = 16
@@ -48,13 +47,8 @@ def in_light(image):
 
 
 @pytest.fixture(scope="module")
-def room():
-    return wide_room()
-
-
-@pytest.fixture(scope="module")
-def pictures(room):
-    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(NUM_IMAGES))]
+def pictures():
+    return [picture(number) for number in range(NUM_IMAGES)]
 
 
 def see(map_path, pictures, start_ns=START_NS):
@@ -63,21 +57,21 @@ def see(map_path, pictures, start_ns=START_NS):
     bus.add(DenseLocalizerNode, {"map": str(map_path), "learn": True} | IN_GRAY)
     bus.publish("/tf_static", TFMessage(transforms=[se3_to_transform(SE3.identity(), start_ns, "base_link", "eye")]))
     bus.publish("/camera_info", camera_to_info(PINHOLE, start_ns, "eye"))
-    for k, picture in enumerate(pictures):
+    for k, image in enumerate(pictures):
         stamp = start_ns + (k + 1) * STEP_NS
         list(bus.advance(stamp))
-        bus.publish("/image_raw", array_to_image(picture, stamp, "eye", "mono8"))
+        bus.publish("/image_raw", array_to_image(image, stamp, "eye", "mono8"))
         list(bus.settle())
     bus.close()
 
 
 @pytest.fixture(scope="module")
-def taught(room, pictures, tmp_path_factory):
+def taught(pictures, tmp_path_factory):
     """A map with two drives beside it: one that it explained, and one in another light."""
     path = tmp_path_factory.mktemp("maps") / "room"
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
-    stamped = {node.id: replace(node.sphere, stamp_ns=node.stamp_ns) for node in sphere_map.graph}
-    graph = sphere_map.graph.with_nodes({k: {"region_radius_m": 2.0, "sphere": one} for k, one in stamped.items()})
+    graph = wide_map(-2.0, -1.0, 0.0).graph
+    stamped = {node.id: replace(node.sphere, stamp_ns=node.stamp_ns) for node in graph}
+    graph = graph.with_nodes({k: {"region_radius_m": 2.0, "sphere": one} for k, one in stamped.items()})
     save_map(path, graph, MapDetails("abc", source="first"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(key_images, "KEY_REACH", 0.01)  # of a room that is 3 m wide
@@ -104,13 +98,13 @@ def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     assert np.array_equal(images[0].image, in_light(pictures[1]))  # after probation
 
 
-def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
+def test_an_image_that_is_learned_has_the_range_of_the_map(taught):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
         sphere, T_map_sphere, covariance = make_sphere(base, image)
         drawn = draw_range(base, image)
     assert np.isfinite(drawn).mean() > 0.9
-    true = room.sphere(T_map_sphere, sphere.camera, 0).range_m
+    true = WIDE_ROOM.sphere(T_map_sphere, sphere.camera, 0).range_m
     error = np.abs(sphere.range_m / true - 1.0)[sphere.measured]
     assert np.median(error) < 0.01  # 20 mm off, at 3 m
     assert sphere.measured.mean() > 0.5

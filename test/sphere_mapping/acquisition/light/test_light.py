@@ -22,14 +22,14 @@ def rig_view(name, yaw, mask=None):
     return RigView(name, LENS, T, border_of(RigCamera(name, LENS, T), mask))
 
 
-def picture(level=200.0, falloff=0.2, colors=(1.0, 1.0, 1.0)):
-    gray = level * np.exp(-falloff * ANGLE**2)
+def picture(level=200.0, colors=(1.0, 1.0, 1.0)):
+    gray = level * np.exp(-0.2 * ANGLE**2)
     return np.clip(np.rint(gray[..., None] * np.array(colors)), 0, 255).astype(np.uint8)
 
 
-def light(yaws=YAW, masks=None, groups=None):
-    views = [rig_view(name, yaw, (masks or {}).get(name)) for name, yaw in yaws.items()]
-    return Light(views, groups or {name: name for name in yaws}, 0.0, 3.0)
+def light(masks=None, groups=None):
+    views = [rig_view(name, yaw, (masks or {}).get(name)) for name, yaw in YAW.items()]
+    return Light(views, groups or {name: name for name in YAW}, 0.0, 3.0)
 
 
 def test_lenses_that_darken_towards_the_rim_get_no_gain():

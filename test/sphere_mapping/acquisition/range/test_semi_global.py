@@ -42,8 +42,8 @@ def test_ground_before_a_pair_does_not_lag_behind_its_slant():
 NAMES = ("top", "bottom")
 
 
-def texture(seed, blur=1.2):
-    image = cv2.GaussianBlur(np.random.default_rng(seed).normal(0, 1, (200, 320)), (0, 0), blur)
+def texture(seed):
+    image = cv2.GaussianBlur(np.random.default_rng(seed).normal(0, 1, (200, 320)), (0, 0), 1.2)
     return np.clip(128 + 40 * image / image.std(), 1, 255).astype(np.uint8)
 
 

@@ -36,9 +36,9 @@ def views(room):
     return tuple(View(one, T) for one, T in zip(references, places, strict=True))
 
 
-def seen(room, k, T_room_body, views, seed=50):
+def seen(room, k, T_room_body, views):
     """Return what a camera of the body sees."""
-    picture = room.photograph(CAMERAS[k], T_room_body @ MOUNTS[k], seed + k)
+    picture = room.photograph(CAMERAS[k], T_room_body @ MOUNTS[k], 50 + k)
     return RigImage(build_pyramid(picture, CAMERAS[k], PARAMS.pyramid), MOUNTS[k], views, f"camera{k}")
 
 

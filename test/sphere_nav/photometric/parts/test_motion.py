@@ -11,7 +11,7 @@ XI = np.array([0.05, -0.1, 0.2, 0.004, 0.01, -0.02])
 REACH = 8
 
 
-def cells(rng, number, share, xi=XI):
+def cells(rng, number, share):
     """Cells of a camera of 165 px: the first ones show the map, the others anything."""
     rays = np.stack([rng.uniform(-0.7, 0.7, number), rng.uniform(-0.5, 0.5, number), np.ones(number)], axis=-1)
     z = rng.uniform(2.0, 8.0, number)
@@ -22,7 +22,7 @@ def cells(rng, number, share, xi=XI):
     by_pose = 165.0 * np.stack([by_u, by_v], axis=1)
     shift = rng.integers(-REACH, REACH + 1, (number, 2)).astype(float)
     whole = round(share * number)
-    shift[:whole] = by_pose[:whole] @ xi + rng.uniform(-0.5, 0.5, (whole, 2))
+    shift[:whole] = by_pose[:whole] @ XI + rng.uniform(-0.5, 0.5, (whole, 2))
     return Shifts(shift, by_pose)
 
 

@@ -11,15 +11,15 @@ CAMERA = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)
 WINDOW = 0.04
 
 
-def texture(camera, seed=0, scale=30.0):
-    """Return noise that is smooth over some pixels, with deviation `scale`, around 128."""
+def texture(camera, seed=0):
+    """Return noise that is smooth over some pixels, with deviation 30, around 128."""
     rng = np.random.default_rng(seed)
     noise = rng.normal(size=(camera.height, camera.width))
     spectrum = np.fft.rfft2(noise)
     u = np.fft.rfftfreq(camera.width)[None] * 8.0
     v = np.fft.fftfreq(camera.height)[:, None] * 8.0
     smooth = np.fft.irfft2(spectrum * np.exp(-0.5 * (u**2 + v**2) * 9.0), s=noise.shape)
-    return 128.0 + scale * smooth / smooth.std()
+    return 128.0 + 30.0 * smooth / smooth.std()
 
 
 def to_bytes(values):

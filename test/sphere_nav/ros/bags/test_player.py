@@ -40,8 +40,8 @@ class Played:
                 text = deserialize_message(data, String) if isinstance(data, bytes) else data
                 self.texts.append(text.data)
 
-    def turn(self, count=3):
-        for _ in range(count):
+    def turn(self):
+        for _ in range(3):
             self.hear(self.bus.advance(self.bus.now_ns + SECOND // 10))
 
 

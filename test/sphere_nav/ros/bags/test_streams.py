@@ -19,8 +19,8 @@ DEPTH = np.full((6, 8), 1500, np.uint16)
 PNG = cv2.imencode(".png", DEPTH)[1].tobytes()
 
 
-def raw(pixels, encoding, topic="/a", stamps=(SECOND, 2 * SECOND)):
-    return examine_samples([(s, array_to_image(pixels, s, "a", encoding)) for s in stamps], IMAGE, topic)
+def raw(pixels, encoding):
+    return examine_samples([(s, array_to_image(pixels, s, "a", encoding)) for s in (SECOND, 2 * SECOND)], IMAGE, "/a")
 
 
 def packed(data, format_, topic="/a/compressed"):

@@ -18,9 +18,9 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.conversions.images import ENCODINGS, WITH_PLANE
 
 
-def picture(rng, encoding, shape=(5, 7)):
+def picture(rng, encoding):
     kind, channels = ENCODINGS[encoding]
-    full = (*shape, channels) if channels > 1 else shape
+    full = (5, 7, channels) if channels > 1 else (5, 7)
     return rng.normal(size=full).astype(kind) if kind is np.float32 else rng.integers(0, np.iinfo(kind).max, full, kind)
 
 

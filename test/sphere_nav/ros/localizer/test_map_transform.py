@@ -21,8 +21,8 @@ T_MAP_BASE = T_MAP_ODOM @ T_ODOM_BASE
 
 
 class World:
-    def __init__(self, now=100 * SECOND):
-        self.bus, self.now = OfflineBus(), now
+    def __init__(self):
+        self.bus, self.now = OfflineBus(), 100 * SECOND
         self.node = self.bus.add(ManagedNode)
         tf = TransformListener(self.node.endpoints, ignored="map")
         odometry = OdometryInput(self.node.endpoints, tf, "base_link")

@@ -31,9 +31,9 @@ def test_a_sphere_is_placed_at_any_heading_and_beside_and_so_is_a_camera():
     assert found.T_sphere_camera.distance(T_sphere_camera)[1] < np.radians(2.0)
 
 
-def synthetic(num, T_sphere_camera, seed=0, noise_rad=0.0):
+def synthetic(num, T_sphere_camera, noise_rad=0.0):
     """Features of a camera and those of a sphere, row by row the same points; descriptors at right angles."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     points = rng.uniform(-4.0, 4.0, (num, 3)) + np.array([6.0, 0.0, 0.0])
     seen = T_sphere_camera.inverse().apply(points)
     rays = seen / np.linalg.norm(seen, axis=1, keepdims=True)

@@ -6,7 +6,6 @@ import time
 import urllib.error
 import urllib.request
 
-import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="optional: pip install viser")
@@ -24,7 +23,7 @@ from sphere_nav_msgs.srv import LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.building import build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import to_geojson
 from sphere_nav.geometry import SE3
@@ -36,7 +35,7 @@ from sphere_nav_tools.cli.operate.page import NAMES, OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import Place
 from worlds import patience
-from worlds.curves import even_curve
+from worlds.curves import straight_road
 from worlds.localizer import make_map
 from worlds.page_client import RECORDER, WAIT_S, PageClient
 from worlds.room import Room
@@ -315,8 +314,7 @@ def command_line(follower):
 
 def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
     link = yard[1]
-    line = np.column_stack([np.linspace(0.0, 20.0, 201), np.zeros(201)])
-    network = build_network([TaughtDrive(even_curve(*line.T, np.zeros(201), np.ones(201)))], "yard")
+    network = build_network([straight_road(20.0)], "yard")
     network = network.with_place("gate", Spot(next(iter(network.edges)), 12.0))
     assert "nobody offers the action navigate" in link.go(Place("gate", 12.0, 0.0))
     navigator = FakeNavigator(follower)
