@@ -40,7 +40,7 @@ def test_pixels_of_all_levels_are_chosen_ahead_once_the_image_moves_by_a_twentie
 
 def test_a_live_camera_waits_for_no_choice_and_one_is_made_after_the_other(room_map, monkeypatch):
     may_choose, asked = threading.Event(), []
-    monkeypatch.setattr(prefetch, "renew_selection", lambda *_: (asked.append(1), may_choose.wait(20.0)))
+    monkeypatch.setattr(prefetch, "renew_selection", lambda *_: (asked.append(1), may_choose.wait(2.0)))
     wanted = [(reference_of(room_map), at(0.0).inverse(), NUMBER)]
     pixels = PixelPrefetch(PARAMS, is_live=True)
     for _ in range(3):
