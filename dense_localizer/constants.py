@@ -48,7 +48,7 @@ MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another one must be more li
 PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared
 PREFETCH_STEP_M, PREFETCH_STEP_S = 0.2, 0.05  # motion between two prefetches: at least, and by the speed
 PIXELS_AGE = 0.05  # of the image's width: motion after which pixels are chosen anew; half of what they serve for
-PIXELS_LEAD_S, PIXELS_LEAD = 0.1, 0.075  # where pixels are chosen: s ahead, at most that share of the width
+PIXELS_LEAD_S = 0.05  # s ahead, where pixels are chosen: between the next image and the one after it
 MIN_SPHERES = 3  # prepared whatever they take: two in use, and the next
 
 # Errors of the map (references/test_map_error, test_motion_prior). The factors of mean squares were chosen on the first

@@ -66,12 +66,11 @@ class ViewMask:
         return replace(chosen, images=tuple(map(self._hide, chosen.images)))
 
     def _hide(self, image: RigImage) -> RigImage:
-        if not self.hidden(image.name).any():
-            return image
         return replace(image, pyramid=self._without_hidden(image.pyramid, image.name))
 
     def _hide_cells(self, pyramid: Pyramid, name: str) -> Pyramid:
-        return hide(pyramid, self.hidden(name))
+        hidden = self.hidden(name)
+        return hide(pyramid, hidden) if hidden.any() else pyramid
 
     def observe(self, candidate: PoseCandidate) -> None:
         """Ask the cells of images that the map has placed, once the view has moved since they were last asked."""

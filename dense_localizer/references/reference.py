@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -196,6 +196,7 @@ class References:
         followed, the nearest of those that are ready; small ones where none is.
         """
         T_map_camera, never_waits = sight.T_map_camera, self._is_live and sight.is_followed
+        self._pixels.wait()
         candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
@@ -209,7 +210,7 @@ class References:
         if not chosen:
             return replace(Choice.merge(()), overlap=best)
         keys = [_key(node.id, by_contrast) for node in chosen if ready]
-        references = [self._get(key) for key in keys] or [self.coarse.reference(chosen[0].id)]
+        references = [self._spheres.get(key) for key in keys] or [self.coarse.reference(chosen[0].id)]
         self._last = camera, tuple(node.id for node in chosen)
         views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
         distance, typical = measure_distance(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
@@ -256,13 +257,13 @@ class References:
         if self._prefetched is not None and np.linalg.norm(point - self._prefetched) <= step:
             return
         self._prefetched = point
-        wanted: dict[int, SE3] = {}
+        wanted: dict[int, None] = {}
         for seconds in PREFETCH_S:
             pose = T_map_camera @ SE3.exp(twist * seconds)
             ahead = pose if self._last is None else self._ahead(pose, self._last[0])
             for node in self._nearest_in_use(ahead.translation, self._params.num_references):
-                wanted.setdefault(_key(node.id, self.by_contrast), pose)
-        self._spheres.begin(list(wanted), lambda key: partial(self._prepare_seen, wanted[key], self._last))
+                wanted[_key(node.id, self.by_contrast)] = None
+        self._spheres.begin(list(wanted))
 
     def _choose_pixels(self, T_map_camera: SE3, twist: NDArray[np.float64]) -> None:
         """Have the pixels chosen of the key spheres that are ready where the camera will soon be."""
@@ -271,21 +272,14 @@ class References:
         camera, last = self._last
         T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
         nearest = self._nearest_in_use(self._ahead(T_soon, camera).translation, self._params.num_references)
-        keys = [
-            [_key(one, self.by_contrast) for one in some]
-            for some in (last, [node.id for node in self._near_enough(nearest, T_soon)])
-        ]
-        self._pixels.forget({key for some in keys for key in some})
-        for key, num_views in dict.fromkeys((one, len(some)) for some in keys for one in some):
-            reference = self._spheres.find(key)
+        soon = [node.id for node in self._near_enough(nearest, T_soon)]
+        numbers = {(one, self._registration.max_pixels // len(some)) for some in (last, soon) for one in some}
+        wanted = []
+        for sphere_id, number in sorted(numbers):
+            reference = self._spheres.find(_key(sphere_id, self.by_contrast))
             if reference is not None:
-                T_camera_sphere = T_map_camera.inverse() @ self.node(_sphere_id(key)).T_map_sphere
-                self._pixels.begin(key, reference, T_camera_sphere, twist, camera, num_views)
-
-    def _get(self, key: int) -> Reference:
-        """Return a prepared sphere with the pixels that were chosen last."""
-        self._pixels.use(key)
-        return self._spheres.get(key)
+                wanted.append((reference, T_soon.inverse() @ self.node(sphere_id).T_map_sphere, number))
+        self._pixels.begin(wanted, camera)
 
     def _draw_contrast(self, pyramid: Pyramid) -> Pyramid:
         """Return an image by its local contrast."""
@@ -335,24 +329,12 @@ class References:
     def _prepare(self, key: int) -> Reference:
         """Read a sphere and prepare it."""
         sphere_id = _sphere_id(key)
-        with self._pixels.background.wait_for_turn():
-            sphere = self._map.load_sphere(sphere_id)
+        sphere = self._map.load_sphere(sphere_id)
         levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
         del sphere  # colors take more than the grey levels
-        with self._pixels.background.wait_for_turn():
-            if key != sphere_id:
-                levels = local_contrast(levels, camera, self._window_rad)
-            return prepare_reference(levels, range_m, camera, self._registration)
-
-    def _prepare_seen(self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, key: int) -> Reference:
-        """Prepare a sphere, and choose those of its pixels that a camera will see."""
-        reference = self._prepare(key)
-        if last is not None:
-            T_camera_sphere = T_map_camera.inverse() @ self.node(_sphere_id(key)).T_map_sphere
-            with self._pixels.background.wait_for_turn():
-                for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
-                    chosen.keep()
-        return reference
+        if key != sphere_id:
+            levels = local_contrast(levels, camera, self._window_rad)
+        return prepare_reference(levels, range_m, camera, self._registration)
 
 
 def _key(sphere_id: int, by_contrast: bool) -> int:

@@ -172,13 +172,14 @@ def ways_to_look(params: SearchParams, camera: Camera, window: Spherical, attitu
     else:
         azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
-    azimuth, elevation = (axis.ravel() for axis in np.meshgrid(azimuths, elevations, indexing="ij"))
-    zero = np.zeros_like(azimuth)
-    turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
-    ahead = turned @ SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
-    rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
-    lifted = SE3.from_parts(np.eye(3), [0.0, 0.0, attitude.translation[2]])
-    return lifted @ ahead @ rolled @ find_body_axes(camera), ahead.rotation[..., 0]
+    above = [0.0, 0.0, attitude.translation[2]]
+    looks = [
+        SE3.from_angles(float(roll), -elevation, azimuth, above).matrix
+        for azimuth in azimuths.tolist()
+        for elevation in elevations.tolist()
+    ]
+    T_sphere_body = SE3(np.array(looks))
+    return T_sphere_body @ find_body_axes(camera), T_sphere_body.rotation[..., 0]
 
 
 def candidate_poses(T_sphere_camera: SE3, ahead: Array, step_m: float) -> SE3:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,15 +125,11 @@ class InputCheck:
         return finding if finding.reason is not Reason.NONE else self.check_frozen(sample, is_moving=is_moving)
 
     def _check_light(self, sample: NDArray[Any]) -> Verdict:
-        levels, counts = _count_levels(sample)
-        dark, bright = (
-            float(counts[part].sum()) / sample.size for part in (levels <= DARK_LEVEL, levels >= BRIGHT_LEVEL)
-        )
-        for share, word in ((dark, "black"), (bright, "saturated")):
+        for is_clipped, word in ((sample <= DARK_LEVEL, "black"), (sample >= BRIGHT_LEVEL, "saturated")):
+            share = float(np.mean(is_clipped))
             if share > MAX_CLIPPED_SHARE:
                 return Verdict(Reason.LOW_TEXTURE, share, MAX_CLIPPED_SHARE, f"image is {word}")
-        mean = float(levels @ counts) / sample.size
-        contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), MIN_CONTRAST
+        contrast, limit = float(cv2.meanStdDev(sample)[1].item()), MIN_CONTRAST
         return Verdict(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
     def check_frozen(self, sample: NDArray[Any], *, is_moving: bool = False) -> Verdict:
@@ -148,11 +145,3 @@ class InputCheck:
 
 def _refuse_stamp(value: float, limit: float, detail: str) -> InputReport:
     return InputReport(Verdict(Reason.BAD_STAMP, value, limit, detail))
-
-
-def _count_levels(sample: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return grey levels (K,) and how often a sample has each: 256 of bytes, all of its own otherwise."""
-    if sample.dtype != np.uint8:
-        return sample.ravel().astype(np.float64), np.ones(sample.size)
-    counts = np.bincount(sample.ravel(), minlength=256).astype(np.float64)
-    return np.arange(float(counts.size)), counts

@@ -14,7 +14,6 @@ ROTATION_ITERATIONS = 10  # of a pure rotation, M15 section 6.1; test_problem
 TURN_PIXELS = 400  # of a level, compared after a turn; test_problem
 MIN_VIEW_PIXELS = 50  # fewest of a view, or of such a level, to be used; test_occlusion, test_problem
 MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less; test_selection
-LATE_SHIFT = 0.2  # the same, while another thread selects; test_selection
 OVERLAP_CELL = 3  # pixels of the coarsest level: so wide that a covered cell holds a reference pixel; test_rig
 SHARPER_LEVELS, MIN_LEVELS = 0.35, 2  # an image of 0.8 to 1.6 times the pixels of the map; levels kept; test_pyramid
 CONE_GRID = 33  # rows and columns of pixels that show what a camera sees; test_selection

@@ -54,7 +54,6 @@ class ReferenceLevel:
 
     squares: Squares
     selections: dict[tuple[Camera, int], Selection] = field(default_factory=dict, repr=False, compare=False)
-    under_way: set[int] = field(default_factory=set, repr=False, compare=False)  # numbers that another thread selects
 
     @property
     def camera(self) -> Camera:

@@ -14,6 +14,7 @@ from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
+from sphere_nav.photometric.pixels.selection import holds
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
@@ -103,10 +104,21 @@ def test_what_is_ahead_is_asked_for_again_after_some_way_longer_at_speed(
     room_map, monkeypatch, speed, moved_m, is_begun
 ):
     references, begun = References(room_map, PARAMS), []
-    monkeypatch.setattr(references._spheres, "begin", lambda ids, _: begun.append(ids))
+    monkeypatch.setattr(references._spheres, "begin", lambda ids: begun.append(ids))
     for x in (0.0, moved_m):
         references.prefetch(at(x), np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
     assert len(begun) == 1 + is_begun
+
+
+@pytest.mark.parametrize("twist", [[0, 0, 8.0, 0, 0, 0], [0, 0, 0, 0, 2.0, 0]])
+def test_pixels_chosen_ahead_serve_the_next_image_however_fast_the_camera(room_map, twist):
+    references, velocity = References(room_map, PARAMS), np.array(twist, float)
+    for image in range(4):
+        pose = at(0.0) @ SE3.exp(velocity * image / 30.0)
+        for view in (choice := references.choose(Sight(None, pose, is_followed=True), PINHOLE)).views:
+            T, number = pose.inverse() @ view.T_world_reference, PARAMS.registration.max_pixels // len(choice.views)
+            assert holds(view.reference.level_like(PINHOLE), T, PINHOLE, number) == (image > 0)
+        references.prefetch(pose, velocity)
 
 
 def test_local_contrast_of_image_and_key_spheres_is_that_of_one_window(room, room_map):
