@@ -31,7 +31,7 @@ from mcl_depth.likeness import kernels
 x, y, m = np.random.default_rng(0).uniform(0.0, 1.0, (3, 64, 360)).astype(np.float32)
 codes = np.random.default_rng(1).integers(0, 256, (2, 3, 64, 360)).astype(np.uint8)
 if sys.argv[1:]:
-    kernels._add_row(x[0], y[0], m[0], *np.tile(x[:3], 2), np.zeros((36, 3)))  # one that the other calls
+    kernels._add_row(x[0], y[0], m[0], m[0], *np.tile(x[:3], 2), np.zeros((36, 3)))  # one that the other calls
 found = kernels.compare_headings_many(x, y, m, m, *codes, np.ones(3, np.float32), np.arange(3), 36)
 print(hashlib.sha256(found.tobytes()).hexdigest())
 """
