@@ -67,6 +67,7 @@ def test_places_that_are_named_are_ends_of_ways(drives, capsys):
         (("build", "net.geojson", "a.csv", "d.csv"), "d.csv: map_id: expected campus, found hall"),
         (("build", "old.geojson", "a.csv"), "old.geojson: expected no such file, found one: --overwrite"),
         (("name", "gate", "good.geojson", "--at", "500,0"), "--at: expected a position within 2 m"),
+        (("plan", "good.geojson", "home", "home", "--closed", "99"), "--closed: expected edges of the network, found"),
     ],
 )
 def test_a_network_place_or_way_that_cannot_be_is_refused_in_one_line(drives, capsys, words, text):
