@@ -176,6 +176,7 @@ class LoopShell(RclpyShell):
         """Carry out a request of the front."""
         if name == "activate":
             self.is_active = True
+            self.deliver_kept()
             return None
         if name == "deactivate":
             if self.is_active:

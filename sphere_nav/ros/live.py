@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial, wraps
+from functools import wraps
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -93,9 +93,7 @@ class LiveShell(RclpyShell, LifecycleNode):
         """Inactive to active; what was latched meanwhile is delivered."""
         self.is_active = True
         self.node.activate()
-        for wanted in self.node.inputs:
-            while wanted.kept:
-                self.failures.guard(partial(wanted.deliver, wanted.kept.pop(0)), f"subscription {wanted.topic}")
+        self.deliver_kept()
         return TransitionCallbackReturn.SUCCESS
 
     @_logged

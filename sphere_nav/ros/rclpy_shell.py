@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from copy import copy
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -209,6 +210,12 @@ class RclpyShell(Endpoints, Node):
         self._entities.close()
         self._own_publishers.clear()
         self.clear()
+
+    def deliver_kept(self) -> None:
+        """Hand on what was latched before the node was active."""
+        for wanted in self.inputs:
+            while wanted.kept:
+                self.failures.guard(partial(wanted.deliver, wanted.kept.pop(0)), f"subscription {wanted.topic}")
 
     # --- health
     def _tell_health(self) -> None:
