@@ -31,6 +31,7 @@ from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
+from sphere_nav.ros.tf import Transforms
 
 
 class ControlLoop:
@@ -39,11 +40,11 @@ class ControlLoop:
     TOPICS = (
         *("cmd_vel", "ackermann_cmd", "tracking_error", "~/status", "~/heartbeat"),
         *("pose", "odometry", "odom", "status", "homing/direction", "homing/status"),
-        *("scan", "/tf_static", "emergency_stop", "command_guard/status"),
+        *("scan", "emergency_stop", "command_guard/status"),
     )
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams) -> None:
-        """Open the topics."""
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, transforms: Transforms) -> None:
+        """Open the topics; `transforms` tells where the scanner is mounted."""
         self.endpoints, self.params, p = endpoints, params, params
         self.clock_watch, self.cycle = ClockWatch(MAX_CLOCK_PAUSE), Cycle()
         self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
@@ -67,7 +68,7 @@ class ControlLoop:
             self.follower = Follower(p)
             self.intake = PoseIntake(endpoints, p, self.follower, self.answered)
         self.follower.mode.permission = endpoints.own_ns() // 1_000_000  # of a loop begun anew no older one holds
-        self.scans = ScanIntake(endpoints, p, self.follower)
+        self.scans = ScanIntake(endpoints, p, self.follower, transforms)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
         endpoints.add_timer(LOOK_PERIOD, self.peers.look, is_wall=True)
@@ -89,6 +90,7 @@ class ControlLoop:
         """Carry out a request by name; before one for motion is answered, all hear what it led to."""
         others: dict[str, Callable[..., Any]] = {
             "is_at_rest": lambda: self.follower.mode.is_at_rest,
+            "scan_frame": lambda: self.scans.frame,
             "tune": self.tune,
             "stand": self.stand,
             "clock_jumped": self.clock_jumped,

@@ -28,7 +28,7 @@ from sphere_nav.ros.clocks import time_of
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
-from sphere_nav.ros.tf import StaticTransforms
+from sphere_nav.ros.tf import Transforms
 
 FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
@@ -211,19 +211,26 @@ class DirectionIntake:
 class ScanIntake:
     """Obstacles, seen from base_link. A scan that cannot be used, or sees nothing where it should, counts as none."""
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
+    def __init__(
+        self,
+        endpoints: Endpoints,
+        params: PathFollowerParams,
+        follower: Follower,
+        transforms: Transforms,
+    ) -> None:
         self._follower, self._endpoints, self._params = follower, endpoints, params
-        self._tf = StaticTransforms(endpoints)
+        self._tf, self.frame = transforms, ""  # of the scanner
         self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
         endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
         """Hand on the points of a scan; ValueError for one that cannot be used, whose silence stops the vehicle."""
+        self.frame = message.header.frame_id
         try:
             time = time_of(conversions.stamp_ns(message), self._endpoints)
             points = driving.scan_to_points(message)
-            T_base_scan = self._tf.lookup(self._params.base_frame, message.header.frame_id)
+            T_base_scan = self._tf.lookup(self._params.base_frame, self.frame)
             self._check_sight(message, T_base_scan)
         except ValueError as error:
             self._follower.watch.refuse_scan(str(error))

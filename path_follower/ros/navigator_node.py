@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, NavigatorStatus
 from sphere_nav_msgs.srv import CloseEdge, Drive, PlanRoute
@@ -71,12 +71,12 @@ class RouteNavigator(ManagedNode):
             self.add_service(f"~/{name}", Trigger, partial(self.on_call, name))
         self.add_service("~/close_edge", CloseEdge, self.on_close)
         self.add_service("~/plan", PlanRoute, self.on_plan)
-        offers = [("navigate", Navigate, self._result)]
+        offers = [("navigate", Navigate, self._goal, self._result)]
         if NavigateToPose is not None:
-            offers.append(("navigate_to_pose", NavigateToPose, self._nav2_result))
-        for name, kind, result in offers:
-            calls = GoalCalls(self.check_goal, partial(self.begin_goal, result), self.cancel_goal)
-            self.endpoints.add_action(name, kind, calls)
+            offers.append(("navigate_to_pose", NavigateToPose, self._nav2_goal, self._nav2_result))
+        for name, kind, read, result in offers:
+            check, begin = partial(self.check_goal, read), partial(self.begin_goal, read, result)
+            self.endpoints.add_action(name, kind, GoalCalls(check, begin, self.cancel_goal))
         self.add_timer(TICK, self.on_tick)
 
     def activate(self) -> None:
@@ -138,15 +138,15 @@ class RouteNavigator(ManagedNode):
         return response
 
     # --- goals
-    def check_goal(self, request: Any) -> None:
+    def check_goal(self, read: Any, request: Any) -> None:
         """Raise ValueError for a goal that is not on the network, or that nobody could stop."""
-        self.mission.check(self._goal(request), self.now())
+        self.mission.check(read(request), self.now())
 
-    def begin_goal(self, result: Any, goal: ActionGoal) -> None:
+    def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
         driven = self.mission.driven + self.mission.progress
         self.finish_goal(Outcome(False, "replaced by a new goal", driven))
-        self.mission.begin(self._goal(goal.request), self.now())
+        self.mission.begin(read(goal.request), self.now())
         self.goal = goal, result
         self.tell()
 
@@ -156,15 +156,19 @@ class RouteNavigator(ManagedNode):
             self.mission.cancel("canceled", self.now())
             self.go_on()
 
-    def _goal(self, request: Any) -> Goal:
-        """Return the goal of a request; one of Nav2 knows neither places nor rounds."""
-        if place := getattr(request, "place", ""):
-            return Goal(place, laps=int(request.laps))
-        driving.check_frames(request.pose, self.params.map_frame)
-        return Goal("", Pose2.of(conversions.pose_to_se3(request.pose.pose)), int(getattr(request, "laps", 0)))
+    def _goal(self, request: Navigate.Goal) -> Goal:
+        pose = None if request.place else self._pose(request.pose)
+        return Goal(request.place, pose, int(request.laps))
+
+    def _pose(self, message: PoseStamped) -> Pose2:
+        driving.check_frames(message, self.params.map_frame)
+        return Pose2.of(conversions.pose_to_se3(message.pose))
 
     def _result(self, outcome: Outcome) -> Navigate.Result:
         return told(Navigate.Result(), outcome)
+
+    def _nav2_goal(self, request: Any) -> Goal:
+        return Goal("", self._pose(request.pose))
 
     def _nav2_result(self, outcome: Outcome) -> Any:
         result = NavigateToPose.Result(error_code=0 if outcome.success else NAV2_FAILED)

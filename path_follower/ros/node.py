@@ -5,6 +5,7 @@ Parameters, services, paths and files are here; the commands come from its contr
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 
 from sphere_nav_msgs.srv import Drive
@@ -13,11 +14,13 @@ from std_srvs.srv import Trigger
 from path_follower.params import PathFollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.control import ControlLoop
-from path_follower.ros.front import FrontNode
+from path_follower.ros.front import FrontNode, LoopEnded
 from path_follower.ros.loop_process import run_with_loop
 from path_follower.ros.trajectory import TrajectoryIntake
+from sphere_nav.ros.tf import TransformListener
 
 CALLS = ("start", "stop", "pause", "resume")  # of an operator
+PLACE_PERIOD = 0.2  # s between two looks where the scanner is mounted
 
 
 class PathFollowerNode(FrontNode):
@@ -30,6 +33,7 @@ class PathFollowerNode(FrontNode):
 
     def configure(self) -> None:
         """Open topics and services; load the trajectory file where one is set."""
+        self.transforms = TransformListener(self.endpoints)
         super().configure()
         self.trajectories: TrajectoryIntake | None = None
         if self.params.source != "homing":
@@ -37,6 +41,7 @@ class PathFollowerNode(FrontNode):
         for name in CALLS:
             self.endpoints.add_service(f"~/{name}", Trigger, partial(self.on_call, name))
         self.endpoints.add_service("~/drive", Drive, self.on_drive)
+        self.add_timer(PLACE_PERIOD, self.on_place, is_wall=True)
 
     def activate(self) -> None:
         """Show the trajectory that was loaded at the start."""
@@ -65,6 +70,11 @@ class PathFollowerNode(FrontNode):
         if response.success and path is not None and self.trajectories is not None:
             self.trajectories.show(path)
         return response
+
+    def on_place(self) -> None:
+        """Tell the loop where its scanner is mounted."""
+        with suppress(LoopEnded):
+            self.place_sensor(self.loop.ask("scan_frame"), self.params.base_frame)
 
 
 def main() -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Protocol
 
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
@@ -173,8 +174,16 @@ def _told_anew(name: str, held: SE3, told: SE3) -> str:
     return f"{name}: told twice, {metres:.3f} m and {math.degrees(radians):.1f} deg apart: the later one holds"
 
 
-class StaticTransforms(TransformTree):
-    """A tree that hears `/tf_static`.
+class Transforms(Protocol):
+    """What tells where frames are."""
+
+    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
+        """Return T_target_source; TransformError says why not."""
+        ...
+
+
+class TransformListener(TransformTree):
+    """A tree that hears `/tf` and `/tf_static`.
 
     What is below the frame `ignored` is not heard: a node that publishes it would hear itself.
     """
@@ -182,7 +191,8 @@ class StaticTransforms(TransformTree):
     def __init__(self, endpoints: Endpoints, *, ignored: str = "") -> None:
         super().__init__()
         self._ignored, self._endpoints = ignored, endpoints
-        static = partial(self._on_message, is_static=True)
+        moving, static = partial(self._on_message, is_static=False), partial(self._on_message, is_static=True)
+        endpoints.add_subscription("/tf", TFMessage, moving, qos.TF, is_required=False)
         endpoints.add_subscription("/tf_static", TFMessage, static, qos.TF_STATIC, is_required=False, silence=0.0)
 
     def _on_message(self, message: TFMessage, *, is_static: bool) -> None:
@@ -198,12 +208,3 @@ class StaticTransforms(TransformTree):
                 refusals.append(str(error))
         if refusals:
             raise ValueError("; ".join(refusals))
-
-
-class TransformListener(StaticTransforms):
-    """A tree that hears `/tf`, too."""
-
-    def __init__(self, endpoints: Endpoints, *, ignored: str = "") -> None:
-        super().__init__(endpoints, ignored=ignored)
-        moving = partial(self._on_message, is_static=False)
-        endpoints.add_subscription("/tf", TFMessage, moving, qos.TF, is_required=False)
