@@ -246,10 +246,17 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     """
     if covariance is None:
         return Doubt()
-    if not np.diagonal(covariance).all():
-        found = "covariance: expected that of x, y and yaw, found zeros: none is stated"
-        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=found))
-    position, yaw = np.sqrt([np.linalg.eigvalsh(covariance[:2, :2])[-1], covariance[2, 2]]).tolist()
+    found = ""
+    if not np.isfinite(covariance).all():
+        found = "finite numbers"
+    elif not np.diagonal(covariance).all():
+        found = "that of x, y and yaw, found zeros: none is stated"
+    elif (values := np.linalg.eigvalsh(covariance))[0] < -1e-6 * max(values[-1], 1e-6):
+        found = f"positive semidefinite, found the eigenvalue {values[0]:.3g}"
+    if found:
+        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=f"covariance: expected {found}"))
+    position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+    yaw = math.sqrt(max(float(covariance[2, 2]), 0.0))
     checks = ((position, limits.max_deviation, "m"), (yaw, MAX_YAW_DEVIATION, "rad"))
     value, limit, unit = max(checks, key=lambda check: check[0] / check[1])
     found = f"standard deviation {value:.3g} {unit}, limit "

@@ -37,9 +37,10 @@ class PixelPrefetch:
     def begin(self, wanted: Iterable[Wanted], camera: Camera) -> None:
         """Have those pixels for a camera chosen anew that will soon be too old; return at once.
 
-        One choice after the other: what is due while one is under way is asked for again with the next image.
+        One choice after the other: what is due while one is under way is asked for again with the next image of a live
+        camera; others wait.
         """
-        if not self._last.done():
+        if self._is_live and not self._last.done():
             return
         self._last.result()  # raises what it has raised
         due = [one for one in wanted if not holds(one[0].level_like(camera), one[1], camera, one[2], PIXELS_AGE)]

@@ -17,6 +17,7 @@ from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE, TF
 from sphere_nav.ros.conversions import stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import WARN, Endpoints
 
+MAX_DEPTH = 100  # frames up to the root
 MAX_FRAMES = 10_000  # a robot has some dozens; more would fill the memory
 
 
@@ -67,11 +68,14 @@ class TransformTree:
         held = self._edges.get(child)
         if held and held.parent == parent:
             return ""
+        above = self._chain(parent)
+        if len(above) >= MAX_DEPTH:
+            raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_DEPTH} frames up to the root")
         if not held and len(self._edges) >= MAX_FRAMES:
             raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_FRAMES} frames")
         if held and not _gives_way(held, stamp):
             raise ValueError(f"transform: {child}: expected parent {held.parent}, found a second one, {parent}")
-        if child in self._chain(parent):
+        if child in above:
             raise ValueError(f"transform: {parent} -> {child}: expected no loop, found {child} above {parent}")
         self._edges[child] = _Edge(parent)
         return f"transform: {child}: parent {held.parent} is replaced by {parent}" if held else ""

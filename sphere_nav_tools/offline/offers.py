@@ -26,6 +26,7 @@ from sphere_nav_tools.offline.topic_finder import (
     Choice,
     TopicFinder,
     names_of_cameras,
+    names_with_faults,
 )
 from sphere_nav_tools.offline.topics import BASE_FRAME, DEPTH, TF_TOPIC, camera_names, options_of
 
@@ -90,6 +91,7 @@ def _offer_rig(finder: TopicFinder, rig: Path | None) -> Found:
         views = finder.views(has_pairs=True)
         if not views:
             finder.find(["image_raw"])  # says what is wrong
+            raise BagError(f"expected images (--image), found {names_with_faults(finder.streams)}")
         return ["--rig", RIG_FILE, *_named_views(views)], note, ""
     names = read_rig(rig).names
     choice = finder.find_rig(names)

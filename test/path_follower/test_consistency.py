@@ -255,6 +255,8 @@ def test_a_standard_deviation_slows_above_the_limit_and_stops_above_twice_that_i
                 assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
     turned = np.array([[0.3, 0.25, 0.0], [0.25, 0.3, 0.0], [0.0, 0.0, 1e-4]])  # 0.74 m along the diagonal
     assert judge_covariance(turned, PARAMS.safety).slow.value == pytest.approx(math.sqrt(0.55))
+    for wrong in (np.full((3, 3), np.nan), np.diag([1e-4, -1e-4, 1e-4]), turned + np.diag([-0.29, 0, 0])):
+        assert judge_covariance(wrong, PARAMS.safety).stop.reason is StopReason.POSE_UNCERTAIN
     for zeros in (np.zeros((3, 3)), np.diag([1e-4, 1e-4, 0.0])):
         stop = judge_covariance(zeros, PARAMS.safety).stop
         assert (stop.reason, "found zeros" in stop.detail) == (StopReason.POSE_UNCERTAIN, True)

@@ -68,15 +68,19 @@ def listed(files: Iterable[tuple[int, Path]], read: Callable[[Path], NDArray[Any
     return [Picture(stamp, file, partial(read, file)) for stamp, file in files]
 
 
-def of_folder(path: Path, read: Callable[[Path], NDArray[Any]] = read_image, hz: float | None = None) -> Pictures:
+def of_folder(
+    path: Path, read: Callable[[Path], NDArray[Any]] = read_image, hz: float | None = None, *, is_stamped: bool = False
+) -> Pictures:
     """Return the images of a folder in the order of the last number in their names.
 
-    Names that are times since 1970 are stamps, if all are; else `hz` counts.
+    Names that are times since 1970 are stamps, if all are; else `hz` counts, unless they must be: `is_stamped`.
     """
     files = sorted(filter(is_image, path.iterdir()), key=order_of)
     if not files:
         raise ValueError(f"{path}: expected images or videos, found none")
     named = [stamp for file in files if (stamp := stamp_of(file.stem)) is not None]
+    if is_stamped and len(named) < len(files):
+        raise ValueError(f"{path}: expected images named by their stamps, found others")
     stamps = named if len(named) == len(files) else even_stamps(len(files), hz or DEFAULT_HZ)
     if any(np.diff(stamps) <= 0):
         raise ValueError(f"{path}: expected names that are rising times, found some that are equal")

@@ -66,7 +66,7 @@ def open_nclt(folder: Path) -> Recording:
         K = read_numbers(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
         pose = read_numbers(_calibration(folder, f"x_lb3_c{number}.csv"), 6, 1)[0]
         lenses[name.lower()] = maps = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
-        cameras[name.lower()] = of_folder(images / name, partial(read_undistorted, maps))
+        cameras[name.lower()] = of_folder(images / name, partial(read_undistorted, maps), is_stamped=True)
         height, width = maps[0].shape
         lens = Pinhole(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)

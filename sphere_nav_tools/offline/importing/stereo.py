@@ -120,7 +120,7 @@ def _stereo(
     folders: Sequence[Path], lenses: Sequence[Camera], T_left_right: SE3, truth: Trajectory | None, name: str
 ) -> Recording:
     """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
-    pair = [of_folder(require_folder(at)) for at in folders]
+    pair = [of_folder(require_folder(at), is_stamped=True) for at in folders]
     recording = camera_recording(pair_views(pair, lenses, T_left_right), max_gap_ns=MAX_PAIR_GAP_NS)
     return with_truth_at(recording, name, truth, MAX_TRUTH_GAP_NS)
 

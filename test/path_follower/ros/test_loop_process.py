@@ -1,20 +1,17 @@
 """Real processes: a loop that gets the signals, and a front that may be busy, or killed."""
 
 import itertools
-import math
 import os
 import signal
+from types import SimpleNamespace
 
 import pytest
-from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Path
-from sensor_msgs.msg import LaserScan
-from tf2_msgs.msg import TFMessage
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import String
 
-from path_follower.ros.loop_process import PRIORITY
-from sphere_nav.geometry import SE3
+from path_follower.ros.loop_process import PRIORITY, LoopShell
 from sphere_nav.ros import qos
-from sphere_nav.ros.conversions import se3_to_transform
 from worlds.base import CRUISE, Base, children, is_running, start, straight
 from worlds.patience import wait_until
 
@@ -107,35 +104,24 @@ def test_an_emergency_stop_that_was_pressed_before_a_follower_was_there_refuses_
     assert follower.poll() is None
 
 
-def test_a_scanner_that_was_placed_before_the_loop_was_active_is_seen_from_the_base(tmp_path, base):
-    """Who latches its place says it once."""
-    places = base.node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
-    places.publish(TFMessage(transforms=[se3_to_transform(SE3.identity(), 0, "base_link", "laser")]))
-    scans = base.node.create_publisher(LaserScan, "scan", qos.SENSOR)
-    speak, far = base.speak, [15.0] * 360
+class Words:
+    """A loop that hears what is latched."""
 
-    def speak_and_scan():
-        speak()
-        scan = LaserScan(range_max=20.0, angle_max=math.tau, angle_increment=math.tau / 359, ranges=far)
-        scan.header.frame_id, scan.header.stamp = "laser", base.node.get_clock().now().to_msg()
-        scans.publish(scan)
+    def __init__(self, endpoints, *_):
+        self.heard = []
+        endpoints.add_subscription("words", String, lambda message: self.heard.append(message.data), qos.LATCHED)
 
-    base.speak = speak_and_scan
-    words = [*straight(tmp_path), "-p", "autostart:=false", "-p", "safety.is_scan_required:=true"]
-    follower, client = (
-        start("path_follower", *words),
-        base.node.create_client(ChangeState, "path_follower/change_state"),
-    )
-    try:
-        assert base.live(120.0, client.service_is_ready)
-        for number in (1, 3):  # configure, activate
-            request = ChangeState.Request()
-            request.transition.id = number
-            answer = client.call_async(request)
-            assert base.live(120.0, answer.done)
-            assert answer.result().success
-            base.live(2.0)
-        base.drive_off()
-    finally:
-        follower.kill()
-        follower.wait()
+
+def test_what_was_latched_before_the_loop_was_active_is_heard_then(base):
+    """Who latches it says it once."""
+    told = {"name": "loop", "namespace": "/", "topics": {}, "overrides": {}, "health_name": "loop", "params": None}
+    shell = LoopShell(SimpleNamespace(LOOP_CLASS=Words), None, told)
+    base.node.create_publisher(String, "words", qos.LATCHED).publish(String(data="once"))
+    executor = SingleThreadedExecutor()
+    executor.add_node(shell)
+    (words,) = shell.inputs
+    assert wait_until(lambda: words.kept, 60.0, lambda: executor.spin_once(timeout_sec=0.05))
+    assert shell.loop.heard == []
+    shell.ask("activate")
+    assert (shell.loop.heard, words.kept) == (["once"], [])
+    shell.destroy_node()

@@ -140,6 +140,10 @@ def test_frames_never_form_a_loop():
     with pytest.raises(ValueError, match="camera -> odom: expected no loop, found odom above camera"):
         tree.add(**edge("camera", "odom", 1.5))
     assert tree.root("camera") == "odom"
+    for below in range(97):
+        tree.add(**edge(f"{below - 1}" if below else "camera", f"{below}", 1.0))
+    with pytest.raises(ValueError, match="96 -> 97: expected at most 100 frames up to the root"):
+        tree.add(**edge("96", "97", 1.0))
 
 
 def test_a_change_of_parent_is_reported_and_a_second_parent_that_moves_is_refused():

@@ -77,6 +77,8 @@ def test_names_are_stamps_only_where_all_are_and_none_twice(tmp_path):
         of_folder(tmp_path)
     write(tmp_path / "7.png")
     assert [one.stamp_ns for one in of_folder(tmp_path)] == even_stamps(4, 10.0)
+    with pytest.raises(ValueError, match="expected images named by their stamps, found others"):
+        of_folder(tmp_path, is_stamped=True)
 
 
 def test_a_folder_of_that_name_is_found(tmp_path):
