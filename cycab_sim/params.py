@@ -125,8 +125,6 @@ class RenderParams:
     supersampling: int = param(2, "n x n rays for pixels where surfaces meet; 1: none", low=1, high=8)
     shadow_texel: float = param(0.08, "resolution of the shadows; 0: things cast none", "m", low=0.0)
 
-    shadow_extent: ClassVar[float] = 160.0  # of the square with shadows around the middle of a world, m
-
 
 @parameters
 class CarParams:

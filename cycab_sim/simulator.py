@@ -27,7 +27,6 @@ from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scanner
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
 from cycab_sim.world.paths import Path, arc
-from cycab_sim.world.season import change_season
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Camera
@@ -47,11 +46,10 @@ class Simulator:
     def __init__(self, params: SimParams | None = None, path: Path | None = None) -> None:
         """`path`: to start on and to teach, of which traffic keeps off, in place of the world's own."""
         self.params = p = in_condition(params or SimParams())
-        world = build_world(p.world, p.seed, p.path)
-        self.world = replace(world, mesh=change_season(world.mesh, p.season, p.seed), path=path or world.path)
+        world = build_world(p.world, p.seed, p.path, p.season)
+        self.world = replace(world, path=path or world.path)
         self.traffic = Traffic(self.world, p.traffic, p.seed) if p.traffic.density != "none" else None
-        bounds = self.world.bounds if self.world.is_wide else None
-        self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, bounds, season=p.season)
+        self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, world.bounds, p.season)
         self.path = self.world.path
         self.driver = PurePursuitDriver(self.path, p.teach, p.noise_seed)
         x, y, yaw = map(float, self.path.at(0.0)[:3])

@@ -47,7 +47,7 @@ def drive_bend(seed: int, side: int, number: int) -> Street:
     """Return what so many images through the bend of a seed give, to the left (1) or right (-1), by the pair alone."""
     radians = np.radians(side * TURN_DEG) / STEP_M
     path = Path((0.0, 0.0, 0.0), (Piece(np.radians(AROUND) / abs(radians), radians),))
-    renderer = Renderer(build_road(seed, path, BOUNDS), RenderParams(), LightParams())
+    renderer = Renderer(build_road(seed, path, BOUNDS), RenderParams(), LightParams(), bounds=BOUNDS)
     T_left_right = SE3.from_parts(np.eye(3), [BASELINE_M, 0.0, 0.0])
     (rng, noise), poses, spheres = (np.random.default_rng([seed, n]) for n in (2, 3)), list[SE3](), list[Sphere]()
     for index in range(number):

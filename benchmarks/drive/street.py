@@ -80,5 +80,5 @@ def _furnish(mesh: MeshBuilder, middle: Path, side: float) -> None:
     for s in np.arange(-BEYOND + rng.uniform(0.0, NEXT), middle.length + BEYOND, NEXT):
         add_on_pavement(mesh.within(place_beside(middle, s, side * HALF_ROAD, yaw, KERB_HEIGHT)))
         if side > 0 and rng.random() < 0.4:
-            kerb = mesh.clutter(is_parked=True).within(place_beside(middle, s, HALF_ROAD, yaw))
+            kerb = mesh.clutter().within(place_beside(middle, s, HALF_ROAD, yaw))
             furniture.add_car(kerb.at(0.0, -1.05))

@@ -101,17 +101,20 @@ class MovingScene:
 
     def __init__(self, still: Mesh, traffic: Traffic) -> None:
         self.mesh, first = joined([still, traffic.mesh]), len(still.triangles)
-        self.triangles = traffic.mesh.triangles.copy()
-        self._moved = self.triangles, self.mesh.normals[first:], self.mesh.frames[len(still.frames) :]
-        self._local = traffic.mesh.triangles, traffic.mesh.normals, traffic.mesh.frames
-        self._parts = traffic.part_of_triangle, traffic.part_of_surface
-        self.scene = PacketScene(self.triangles, first, is_moving=True)
+        self._traffic = traffic
+        self._normals, self._frames = self.mesh.normals[first:], self.mesh.frames[len(still.frames) :]
+        self.scene = PacketScene(traffic.mesh.triangles, first, is_moving=True)
         self.move(traffic.poses(0))
 
     def move(self, T_world_part: Array) -> None:
         """Put every part (P, 4, 4) where it is now."""
-        kernels.place_parts(T_world_part, *self._parts, self._local, self._moved)
-        self.scene.move(self.triangles)
+        local, T = self._traffic.mesh, T_world_part.astype(np.float32)
+        to_world, to_part = T[self._traffic.part_of_triangle], np.linalg.inv(T)[self._traffic.part_of_surface]
+        R = to_world[:, :3, :3]
+        self._normals[:] = np.einsum("nij,nj->ni", R, local.normals)
+        self._frames[:] = local.frames[:, :, :3] @ to_part[:, :3]
+        self._frames[:, :, 3] += local.frames[:, :, 3]
+        self.scene.move(local.triangles @ R.swapaxes(1, 2) + to_world[:, None, :3, 3])
 
 
 @cache

@@ -11,8 +11,6 @@ from sphere_nav.kernel_cache.kernels import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
 CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level
-FRINGE = 0.4  # a triangle darkens texels this far beyond its edges, texels: thin things keep their shadow
-FLAT = 1e-9  # a triangle narrower than this, seen from the sun, casts no shadow, texel^2
 # rays in packets of eight, through the C interface of Embree 4 (`RTCRayHit8`)
 LANES = 8
 FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more than it has
@@ -77,34 +75,11 @@ def turn_rays(rays, R, out):
             out[n, c] = along(R, c, rays[n])
 
 
-@njit(cache=True)
-def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
-    """Move triangles (T, 3, 3), normals (T, 3) and surface frames (S, 3, 4), all f32, by their parts' poses.
-
-    T_world_part (P, 4, 4) f64; local, moved: (triangles, normals, frames); frames map the world to the surface.
-    """
-    for t in range(part_of_triangle.shape[0]):
-        m = T_world_part[part_of_triangle[t]]
-        for r in range(3):
-            for k in range(3):
-                moved[0][t, k, r] = along(m, r, local[0][t, k]) + m[r, 3]
-            moved[1][t, r] = along(m, r, local[1][t])
-    for s in range(part_of_surface.shape[0]):
-        m, f, out = T_world_part[part_of_surface[s]], local[2][s], moved[2][s]
-        for r in range(3):
-            shift = 0.0
-            for c in range(3):
-                turned = along(f, r, m[c])
-                out[r, c] = turned
-                shift += turned * m[c, 3]
-            out[r, 3] = f[r, 3] - shift
-
-
 @njit(cache=True, nogil=True)
-def find_edges(triangles, surface_of, normals, ranges, color, is_edge):
+def find_edges(triangles, surface_of, ranges, color, is_edge):
     """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface in another light, and that neighbour.
 
-    triangles (H, W) i32, surface_of (T,) i32, normals (T, 3) f32, ranges (H, W) f32 m, colour (H, W, 3) f32
+    triangles (H, W) i32, surface_of (T,) i32, ranges (H, W) f32 m, colour (H, W, 3) f32
     """
     height, width = triangles.shape
     is_edge[:] = 0
@@ -118,10 +93,9 @@ def find_edges(triangles, surface_of, normals, ranges, color, is_edge):
                 there = triangles[y, x]
                 if there == here or min(there, here) == OUTSIDE or _alike(color, v, u, y, x):
                     continue
-                if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
-                    is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
-                    if is_level or _parallel(normals, here, there):
-                        continue
+                is_one = here >= 0 and there >= 0 and surface_of[here] == surface_of[there]
+                if is_one and abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]:
+                    continue
                 is_edge[v, u] = is_edge[y, x] = 1
 
 
@@ -135,93 +109,14 @@ def _alike(color, v, u, y, x):
     return difference < CONTRAST * total
 
 
-@njit(cache=True)
-def _parallel(normals, here, there):
-    """Whether two triangles of one surface lie in one plane."""
-    return abs(along(normals, here, normals[there])) > 0.9999
-
-
 @njit(cache=True, nogil=True)
-def split_rays(rays, edges, n, out):
-    """Write n x n rays per edge pixel: out (E n n, 3) f32 from rays (H, W, 3) f32 and edges (E,) i64 flat indices."""
-    width = rays.shape[1]
-    for e in range(edges.shape[0]):
-        v, u = edges[e] // width, edges[e] % width
-        left, right = _nearest_ray(rays, v, u, 0, -1), _nearest_ray(rays, v, u, 0, 1)
-        above, below = _nearest_ray(rays, v, u, -1, 0), _nearest_ray(rays, v, u, 1, 0)
-        for k in range(n * n):
-            a = ((k % n + 0.5) / n - 0.5) / max(right - left, 1)
-            b = ((k // n + 0.5) / n - 0.5) / max(below - above, 1)
-            square = 0.0
-            for c in range(3):
-                ray = rays[v, u, c] + a * (rays[v, right, c] - rays[v, left, c])
-                ray += b * (rays[below, u, c] - rays[above, u, c])
-                out[e * n * n + k, c] = ray
-                square += ray * ray
-            for c in range(3):
-                out[e * n * n + k, c] /= math.sqrt(square)
-
-
-@njit(cache=True)
-def _nearest_ray(rays, v, u, dv, du):
-    """Return the row or column of a neighbour, or the pixel's own where that is beyond the image or the lens."""
-    y, x = v + dv, u + du
-    if y < 0 or x < 0 or y >= rays.shape[0] or x >= rays.shape[1] or math.isnan(rays[y, x, 0]):
-        y, x = v, u
-    return y if dv != 0 else x
-
-
-@njit(cache=True)
-def cast_shadows(triangles, T_sun_world, corner, texel, shadow):
-    """Draw triangles (T, 3, 3) f32 into a shadow map (K, K) f32 by the nearest depth.
-
-    T_sun_world (3, 3), corner (2,) m, texel m: see `light`
-    """
-    points = np.empty((3, 3))
-    for t in range(triangles.shape[0]):
-        for k in range(3):
-            for r in range(3):
-                points[k, r] = along(T_sun_world, r, triangles[t, k])
-            points[k, 0], points[k, 1] = (points[k, 0] - corner[0]) / texel, (points[k, 1] - corner[1]) / texel
-        _draw_shadow(points, shadow)
-
-
-@njit(cache=True)
-def _draw_shadow(p, shadow):
-    """Draw one triangle (3, 3): column, row, depth."""
-    ax, ay = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1]
-    bx, by = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1]
-    area = ax * by - ay * bx
-    if abs(area) < FLAT:
-        return
-    # a point beyond an edge by FRINGE has a negative share of the corner opposite to it
-    slack_1 = FRINGE * math.sqrt(bx * bx + by * by) / abs(area)
-    slack_2 = FRINGE * math.sqrt(ax * ax + ay * ay) / abs(area)
-    slack_0 = FRINGE * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2) / abs(area)
-    low, high = min(p[0, 2], p[1, 2], p[2, 2]), max(p[0, 2], p[1, 2], p[2, 2])
-    for j in _texels(p[:, 1], shadow.shape[0]):
-        for i in _texels(p[:, 0], shadow.shape[1]):
-            x, y = i - p[0, 0], j - p[0, 1]
-            s, t = (x * by - y * bx) / area, (ax * y - ay * x) / area
-            if s < -slack_1 or t < -slack_2 or 1.0 - s - t < -slack_0:
-                continue
-            depth = p[0, 2] + s * (p[1, 2] - p[0, 2]) + t * (p[2, 2] - p[0, 2])
-            shadow[j, i] = min(shadow[j, i], np.float32(min(max(depth, low), high)))
-
-
-@njit(cache=True)
-def _texels(x, size):
-    """Return the rows, or the columns, that a triangle and its fringe cover."""
-    return range(max(0, math.ceil(x.min() - FRINGE)), min(size - 1, math.floor(x.max() + FRINGE)) + 1)
-
-
-@njit(cache=True, nogil=True)
-def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, color):
+def light(origin, rays, ranges, triangles, cone, normals, lamps, is_open, shadow, texel, corner, T_sun_world, color):
     """Turn reflectance into radiance in place, colour (N, 3) f32: sun with cast shadows and an overcast share of sky.
 
     normals (T, 3) f32 unit; lamps: (unit vector (3,) f64 towards the sun, radiance (3,) of sun and of sky, factor on
-    the sky that is seen), see sky.py; shadow (K, K) f32 distance of the first
-    thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
+    the sky that is seen), see sky.py; is_open (N,) f32: 0 where something that moves hides the sun; shadow (K, K) f32
+    distance of the first thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3):
+    rows x, y, -sun
     """
     sun, sun_color, sky_color, sky_gain = lamps
     out = np.empty(3)  # a point just above what was hit
@@ -234,7 +129,7 @@ def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, 
         side = -1.0 if along(normals, t, rays[n]) > 0.0 else 1.0
         lambert = side * along(normals, t, sun)
         direct = 0.0
-        if lambert > 0.0:
+        if lambert * is_open[n] > 0.0:
             for c in range(3):
                 out[c] = origin[c] + ranges[n] * rays[n, c] + 1.2 * texel * (side * normals[t, c])
             a, b = along(T_sun_world, 0, out) - corner[0], along(T_sun_world, 1, out) - corner[1]

@@ -26,7 +26,7 @@ from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
@@ -49,14 +49,16 @@ STRIP = 16384  # rays a thread works on at once
 CURVE_SIZE = 4096
 MAX_CAMERAS = 16  # lenses whose rays are kept
 NO_HIT = -1
-MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
+MAX_TEXELS = 4000  # of a side of the shadow map
 LEAVE = 0.01  # a mirrored ray begins so far from the ground, m
+ABOVE = 0.1  # a ray to the sun begins so far from what it left, m
+TALL = 3.5  # nothing that moves is higher, m
 
 
 class Renderer:
     """Draws a mesh from any camera; holds the ray caster and the shadow map.
 
-    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
+    `traffic` moves, see `move`; shadows of what stands reach as far as the bounds (x0, y0, x1, y1) m;
     `torch` is where the head lamp is, x along its beam; the sun of `light` stands still, its brightness may change.
     """
 
@@ -66,7 +68,7 @@ class Renderer:
         params: RenderParams,
         light: LightParams,
         traffic: Traffic | None = None,
-        bounds: Rectangle | None = None,
+        bounds: Rectangle = (-80.0, -80.0, 80.0, 80.0),
         season: SeasonParams | None = None,
     ) -> None:
         self.params = params
@@ -77,7 +79,9 @@ class Renderer:
         self._pool = ThreadPoolExecutor(max_workers=os.cpu_count() or 1)
         self._exposure = light.exposure
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
-        (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
+        x0, y0, x1, y1 = bounds
+        extent, middle = float(np.hypot(x1 - x0, y1 - y0)), np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+        texel = max(params.shadow_texel, extent / MAX_TEXELS)
         shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
         self.light = light_at(light, 0.0, 0)
         self._shadows = ShadowMap(self._scene, shadow, self.light.sun, middle, self._pool)
@@ -90,7 +94,6 @@ class Renderer:
         if self._moving is None:
             raise ValueError("traffic: expected a renderer with traffic, found one without")
         self._moving.move(T_world_part)
-        self._shadows.draw(self._moving.triangles)
 
     def render(
         self, camera: Camera, T_world_camera: SE3, is_gray: bool = False, gain: ArrayLike = 1.0
@@ -151,11 +154,23 @@ class Renderer:
         albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(
             view.origin, view.rays, view.ranges, view.triangles, view.cone, m.normals,
-            lamps, depths, s.texel, s.corner, s.T_sun_world, color,
+            lamps, self._open_to_sun(view), depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
         self._weather.add_lamps(view, albedo, color, self.torch, self.measure)
         if not is_mirror:
             self._weather.mirror(view, color, self._look_back)
+
+    def _open_to_sun(self, view: PixelView) -> Floats:
+        """Return 0 where something that moves hides the sun from what rays (N,) met, 1 elsewhere."""
+        is_open = np.ones(len(view.rays), np.float32)
+        if self._moving is not None and self._shadows.has_shadows:
+            met = np.flatnonzero(view.triangles >= 0)
+            points, normals, _ = view.part(met, self.mesh)
+            sun = self.light.sun.astype(np.float32)
+            may_be = (points[:, 2] < TALL) & (normals @ sun > 0.0)
+            starts = (points + np.float32(ABOVE) * normals)[may_be]
+            is_open[met[may_be]] = self._moving.scene.cast(starts, np.tile(sun, (len(starts), 1)))[0] == NO_HIT
+        return is_open
 
     def _look_back(self, below: Array, rays: Floats, starts: Floats, cone: Floats) -> Floats:
         """Return the radiance (N, 3) of unit rays (N, 3) that leave level ground at `starts` (N, 3) m.
@@ -182,11 +197,10 @@ class Renderer:
         is_edge = np.empty(shape, np.uint8)
         triangles, ranges = hits.triangles.reshape(shape), hits.ranges.reshape(shape)
         m = self.mesh
-        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, color.reshape(*shape, 3), is_edge)
+        kernels.find_edges(triangles, m.surface_of, ranges, color.reshape(*shape, 3), is_edge)
         edges = np.flatnonzero(is_edge)
-        finer = np.empty((len(edges) * n * n, 3), np.float32)
+        finer = _split(rays, edges, n)
         samples = np.empty_like(finer)
-        kernels.split_rays(rays, edges, n, finer)
         self._look(hits.origin, finer, np.repeat(hits.cone[edges] / np.float32(n), n * n), samples)
         sums = samples.reshape(-1, n * n, 3).sum(axis=1, dtype=np.float64)
         color[edges] = sums / (n * n)
@@ -199,19 +213,14 @@ def lens_rays(camera: Camera) -> tuple[Floats, Floats]:
     return rays.astype(np.float32), _spacing(rays)
 
 
-def _shadow_square(params: RenderParams, bounds: Rectangle | None) -> tuple[float, float]:
-    """Return how far shadows reach, as far as the bounds x0, y0, x1, y1 m, and their texel, as fine as is possible."""
-    if bounds is None:
-        return params.shadow_extent, params.shadow_texel
-    extent = float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1]))
-    return extent, max(params.shadow_texel, extent / MAX_TEXELS)
-
-
-def _middle(mesh: Mesh, bounds: Rectangle | None) -> Array:
-    """Return the middle (3,) m on the ground of the bounds, or of the detailed part of a mesh."""
-    if bounds is not None:
-        return np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
-    return np.median(mesh.triangles.reshape(-1, 3), axis=0).astype(np.float64) * (1.0, 1.0, 0.0)
+def _split(rays: Floats, edges: Integers, n: int) -> Floats:
+    """Return n x n rays (E n n, 3) around some rays (E,) of an image (H, W, 3), by how their neighbours differ."""
+    middle = rays.reshape(-1, 3)[edges]
+    down, across = (np.nan_to_num(np.gradient(rays, axis=axis).reshape(-1, 3)[edges]) for axis in (0, 1))
+    shares = ((np.arange(n, dtype=np.float32) + 0.5) / n - 0.5)[:, None, None]
+    finer = middle + shares * across + (shares * down)[:, None]  # (n, n, E, 3)
+    finer /= np.linalg.norm(finer, axis=-1, keepdims=True)
+    return np.ascontiguousarray(finer.transpose(2, 0, 1, 3)).reshape(-1, 3)
 
 
 def _spacing(rays: Array) -> Floats:

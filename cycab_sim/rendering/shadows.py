@@ -1,4 +1,4 @@
-"""Where the sun stands and what it does not reach: a map of how far along its rays the first surface lies."""
+"""What the sun does not reach: a map of how far along its rays the first surface lies that stands still."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from threading import Lock
 
 import numpy as np
 
-from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import PacketScene
 from sphere_nav.geometry.arrays import Array, Floats
 
@@ -17,8 +16,8 @@ REACH = 400.0  # the sun's rays start this far away, m
 class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
-    It covers a square of (side m, texel m) around `center` (3,) m; of a texel of 0 nothing casts a shadow. What moves
-    is drawn over what stands still. `sun`: the unit vector (3,) towards the sun.
+    It covers a square of (side m, texel m) around `center` (3,) m; of a texel of 0 nothing casts a shadow.
+    `sun`: the unit vector (3,) towards the sun.
     """
 
     def __init__(
@@ -37,33 +36,18 @@ class ShadowMap:
         self._lock = Lock()
         self.T_sun_world = _shadow_frame(sun)
         self.corner = self.T_sun_world[:2] @ center - 0.5 * self._size * self.texel * self.has_shadows
-        self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
-        self._drawn: Floats | None = None
+        self._depths: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
 
     @property
-    def still(self) -> Floats:
+    def depths(self) -> Floats:
         """Depths without what moves; cast when they are asked for, since a world without pictures needs none.
 
         Not to be asked for first from within the pool, whose threads cast them.
         """
         with self._lock:
-            if self._still is None:
-                self._still = self._cast()
-            return self._still
-
-    @property
-    def depths(self) -> Floats:
-        """Depths with what was drawn."""
-        return self.still if self._drawn is None else self._drawn
-
-    def draw(self, triangles: Floats) -> None:
-        """Draw what moves, triangles (T, 3, 3) f32 m of the world, instead of what was drawn before."""
-        if not self.has_shadows:
-            return
-        if self._drawn is None:
-            self._drawn = np.empty_like(self.still)
-        np.copyto(self._drawn, self.still)
-        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._drawn)
+            if self._depths is None:
+                self._depths = self._cast()
+            return self._depths
 
     def _cast(self) -> Floats:
         R, texel, size, corner = self.T_sun_world, self.texel, self._size, self.corner

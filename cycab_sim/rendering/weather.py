@@ -103,7 +103,7 @@ class Weather:
     def __init__(self, mesh: Mesh, light: LightParams, season: SeasonParams, roof: ShadowMap) -> None:
         self.mesh, self.light, self.season, self._roof = mesh, light, season, roof
         if season.wet or season.snow:
-            _ = roof.still  # cast now, not from within the pool
+            _ = roof.depths  # cast now, not from within the pool
         self._wear = np.ones(max(k.FACADE, *WORN) + 1, np.float32)
         self._wear[list(WORN)] = list(WORN.values())
         self._glow = _find_glow(mesh) if light.has_street_lamps else None
@@ -195,7 +195,7 @@ class Weather:
         seen = points @ roof.T_sun_world.T.astype(np.float32)
         at = (seen[:, :2] - roof.corner.astype(np.float32)) / np.float32(roof.texel)
         lit = np.empty(len(points), np.float32)
-        compare_depths(roof.still, at, seen[:, 2] - np.float32(SHELTER_OFF), lit)
+        compare_depths(roof.depths, at, seen[:, 2] - np.float32(SHELTER_OFF), lit)
         return lit
 
     def _noise(self, view: PixelView, some: Integers, points: Floats, size: float, seed: int) -> Floats:

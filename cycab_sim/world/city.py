@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from cycab_sim.params import SeasonParams
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, Rectangle, flat
 from cycab_sim.world.paths import Path, Piece, rounded, turn
@@ -52,9 +53,9 @@ def tour() -> Path:
 
 
 @lru_cache(maxsize=1)
-def build_city(seed: int) -> Mesh:
+def build_city(seed: int, season: SeasonParams) -> Mesh:
     """Return the city of a seed."""
-    mesh = MeshBuilder(np.random.default_rng([seed, 63]))
+    mesh = MeshBuilder(np.random.default_rng([seed, 63]), season)
     add_ground(mesh, BOUNDS)
     for block, sides in BLOCKS:
         add_pavement(mesh, block)

@@ -36,6 +36,7 @@ CARS: tuple[Color, ...] = (
     (0.55, 0.55, 0.54), (0.06, 0.06, 0.07), (0.32, 0.05, 0.05), (0.07, 0.12, 0.30),
     (0.28, 0.29, 0.31), (0.62, 0.60, 0.55), (0.10, 0.20, 0.14),
 )  # fmt: skip
+AUTUMN: tuple[Color, ...] = ((0.42, 0.26, 0.05), (0.36, 0.14, 0.04), (0.26, 0.17, 0.07), (0.20, 0.19, 0.05))
 SIGNS: tuple[tuple[Color, Color], ...] = (
     ((0.08, 0.15, 0.40), (0.75, 0.74, 0.70)), ((0.60, 0.08, 0.05), (0.80, 0.78, 0.70)),
     ((0.70, 0.68, 0.60), (0.08, 0.07, 0.07)), ((0.07, 0.28, 0.14), (0.78, 0.76, 0.60)),
@@ -92,3 +93,9 @@ def foliage(rng: np.random.Generator) -> Finish:
     """Return leaves, dark in the depth and bright at the tips."""
     green = (0.05 + 0.03 * rng.random(), 0.10 + 0.04 * rng.random(), 0.03 + 0.01 * rng.random())
     return Finish(k.FOLIAGE, green, (green[0] * 3.2, green[1] * 2.6, green[2] * 2.4), (0.34,))
+
+
+def autumn_leaves(rng: np.random.Generator) -> Finish:
+    """Return leaves that fall soon."""
+    tips = pick(rng, AUTUMN)
+    return Finish(k.FOLIAGE, darker(tips, 0.4), tips, (0.34,))

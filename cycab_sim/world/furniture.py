@@ -16,6 +16,8 @@ from sphere_nav.geometry.arrays import Array, Integers
 
 SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
+TWIGS = 26  # of a bare lump
+THICK = np.array([0.05, *[0.018] * TWIGS])  # half the width of its branch and of its twigs, m
 
 
 def add_car(mesh: MeshBuilder) -> None:
@@ -94,8 +96,8 @@ def add_bench(mesh: MeshBuilder) -> None:
 
 
 def add_tree(mesh: MeshBuilder) -> None:
-    """Add a tree of 4.5 to 7.5 m: trunk, branches and a crown of rough lumps."""
-    rng = mesh.rng
+    """Add a tree of 4.5 to 7.5 m: trunk and a crown of rough lumps; of a branch with twigs each where it is bare."""
+    rng, day = mesh.rng, mesh.rng.spawn(1)[0]
     height, leaves = rng.uniform(4.5, 7.5), finishes.foliage(rng)
     trunk = 0.45 * height
     add_prism(mesh, rng.uniform(0.11, 0.19), trunk + 0.5, finishes.BARK, is_solid=True)
@@ -103,7 +105,24 @@ def add_tree(mesh: MeshBuilder) -> None:
     for _ in range(int(rng.integers(6, 10))):
         spread, radius = 0.17 * height, rng.uniform(0.11, 0.19) * height
         center = np.array([*rng.normal(0.0, 0.55 * spread, 2), trunk + 0.5 + rng.uniform(0.0, 0.40) * height])
-        add_lump(mesh, center, radius, leaves)
+        if mesh.season.leaves == "none":
+            add_lump(mesh.unseen(), center, radius, leaves)
+            _add_branch(mesh.drawn_by(day), trunk + 0.2, center, radius)
+        else:
+            add_lump(mesh, center, radius, leaves if mesh.season.leaves == "green" else finishes.autumn_leaves(day))
+
+
+def _add_branch(mesh: MeshBuilder, foot: float, center: Array, radius: float) -> None:
+    """Add a branch from a trunk, `foot` m high, to the middle (3,) m of a lump, and twigs from it outward."""
+    rng = mesh.rng
+    out = rng.normal((0.0, 0.0, 0.5), size=(TWIGS, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    trunk = np.array([[0.0, 0.0, foot]])
+    starts = np.concatenate([trunk, trunk + rng.uniform(0.45, 1.0, (TWIGS, 1)) * (center - trunk)])
+    ends = np.concatenate([center[None], center + out * radius * rng.uniform(0.6, 1.15, (TWIGS, 1))])
+    ring = starts[:, None] + THICK[:, None, None] * (np.eye(3) - 1.0 / 3.0)
+    tips = np.broadcast_to(ends[:, None], ring.shape)
+    mesh.solid(np.stack([ring, np.roll(ring, -1, axis=1), tips], axis=2).reshape(-1, 3, 3), finishes.BARK)
 
 
 def add_hedge(mesh: MeshBuilder, length: float) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cycab_sim.params import SeasonParams
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 
 NUM_PARAMS = 6
@@ -44,7 +45,7 @@ class Mesh:
 
     frames (S, 3, 4) f32 world to surface (u along, v up, w out), kinds (S, 2) i32 material and seed,
     params (S, 6) f32, colours (S, 2, 3) f32, is_clutter (S,) bool: what comes and goes, as parked cars;
-    is_parked (S,) bool: cars that stand; slots (P, 4, 4): where they may; lamps (L, 3) m: where street lamps shine
+    lamps (L, 3) m: where street lamps shine
     """
 
     triangles: Floats
@@ -55,8 +56,6 @@ class Mesh:
     params: Floats
     colors: Floats
     is_clutter: Flags
-    is_parked: Flags
-    slots: Array
     lamps: Array
 
 
@@ -73,15 +72,14 @@ class MeshBuilder:
     """Collects flat panels and free triangles, and numbers their surfaces; what is built gets its builder by `at`."""
 
     rng: np.random.Generator
+    season: SeasonParams = field(default_factory=SeasonParams)
     is_clutter: bool = False  # whether what is added now comes and goes
-    is_parked: bool = False  # whether it is a parked car
     placement: Array = field(default_factory=lambda: np.eye(4))  # (4, 4): of the frame in which things are added
-    slots: list[Array] = field(default_factory=list)  # placements (4, 4) where a car may be parked
     lamps: list[Array] = field(default_factory=list)  # points (3,) below the heads of street lamps
     height: Callable[[Array], Array] | None = None  # of the ground, m, at x (N,): everything stands on it
     _triangles: list[Array] = field(default_factory=list)
     _surface_of: list[Integers] = field(default_factory=list)
-    _surfaces: list[tuple[Array, Finish, int, bool, bool]] = field(default_factory=list)
+    _surfaces: list[tuple[Array, Finish, int, bool]] = field(default_factory=list)
 
     def at(self, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> MeshBuilder:
         """Return what adds to the same collection around (x, y, z) m, turned by `yaw` radians."""
@@ -91,9 +89,17 @@ class MeshBuilder:
         """Return what adds to the same collection in a frame that is placed by a matrix (4, 4)."""
         return replace(self, placement=self.placement @ placement)
 
-    def clutter(self, is_parked: bool = False) -> MeshBuilder:
+    def clutter(self) -> MeshBuilder:
         """Return what adds to the same collection things that come and go."""
-        return replace(self, is_clutter=True, is_parked=is_parked)
+        return replace(self, is_clutter=True)
+
+    def unseen(self) -> MeshBuilder:
+        """Return what adds to nothing, but draws from the same generator: the rest of a world goes on alike."""
+        return replace(self, _triangles=[], _surface_of=[], _surfaces=[])
+
+    def drawn_by(self, rng: np.random.Generator) -> MeshBuilder:
+        """Return what adds to the same collection, drawn from another generator."""
+        return replace(self, rng=rng)
 
     def place(self, points: ArrayLike) -> Array:
         """Return where points (..., 3) of the frame are in the world."""
@@ -131,7 +137,7 @@ class MeshBuilder:
 
     def build(self) -> Mesh:
         """Return everything collected as arrays."""
-        frames, finishes, seeds, is_clutter, is_parked = zip(*self._surfaces, strict=True)
+        frames, finishes, seeds, is_clutter = zip(*self._surfaces, strict=True)
         triangles, corners = np.concatenate(self._triangles), np.stack(frames)
         if self.height is not None:
             for points in (triangles, corners):
@@ -149,14 +155,12 @@ class MeshBuilder:
             params=np.array([(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f in finishes], np.float32),
             colors=np.array([(f.color, f.second) for f in finishes], np.float32),
             is_clutter=np.array(is_clutter, bool),
-            is_parked=np.array(is_parked, bool),
-            slots=np.array(self.slots, np.float64).reshape(-1, 4, 4),
             lamps=np.array(self.lamps, np.float64).reshape(-1, 3),
         )
 
     def _new_surface(self, frame: Array, finish: Finish) -> None:
         seed = int(self.rng.integers(1, 1 << 20))
-        self._surfaces.append((frame, finish, seed, self.is_clutter, self.is_parked))
+        self._surfaces.append((frame, finish, seed, self.is_clutter))
 
     def _add_quads(self, quads: Array, surfaces: Integers) -> None:
         self._triangles.append(halved(quads))

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from cycab_sim.params import SeasonParams
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, Rectangle, flat
@@ -21,6 +22,7 @@ from cycab_sim.world.texture import kernels as k
 OUTER = 34.0  # depth of the outer blocks, m
 LANE = 0.5  # taught paths keep this far to the right of the middle of the street, m
 TURN_RADIUS = 5.0
+SHIFT = 0.4  # of other cars along the kerb, m
 STREETS = "ssss"  # south, north, east and west of a block: a street; or q a square, a an alley, l a lane
 TWO_TURNS_LENGTH = 100.0  # M15 section 6.4.3: 100 m with two turns of 90 degrees
 
@@ -71,10 +73,10 @@ def taught_path(plan: Plan, name: str) -> Path:
 
 
 @lru_cache(maxsize=1)
-def build_town(seed: int) -> tuple[Mesh, Plan]:
+def build_town(seed: int, season: SeasonParams) -> tuple[Mesh, Plan]:
     """Return the town of a seed: its mesh and its plan."""
     plan = draw_plan(seed)
-    mesh = MeshBuilder(np.random.default_rng([seed, 2]))
+    mesh = MeshBuilder(np.random.default_rng([seed, 2]), season)
     add_ground(mesh, plan.bounds)
     for block in plan.blocks():
         add_pavement(mesh, block)
@@ -150,18 +152,26 @@ def _add_garden(mesh: MeshBuilder, width: float) -> None:
 def furnish(mesh: MeshBuilder, block: Rectangle, sides: str = STREETS) -> None:
     """Put cars along the kerbs of a block and lamps, signs, trees, boxes and benches on its pavement."""
     rng = mesh.rng
+    day = np.random.default_rng([mesh.season.parked, int(rng.spawn(1)[0].integers(1 << 30))])
     for (kerb, length), side in zip(_sides(mesh, block), sides, strict=True):
         if side in "al":
             continue
         x = rng.uniform(6.0, 9.0)
         while x < length - 7.5 and side == "s":  # x along the kerb, y < 0 is the road
-            mesh.slots.append(kerb.at(x, -1.05).placement)
-            if rng.random() < 0.55:
-                flip = np.pi if rng.random() < 0.3 else 0.0
-                furniture.add_car(kerb.clutter(is_parked=True).at(x, -1.05, flip + rng.normal(0.0, 0.02)))
+            _park(kerb.unseen() if mesh.season.parked else kerb, x)
+            if mesh.season.parked:
+                _park(kerb.drawn_by(day), x + day.uniform(-SHIFT, SHIFT))
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
             add_on_pavement(kerb.at(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT))
+
+
+def _park(kerb: MeshBuilder, x: float) -> None:
+    """Put a car, or none, on the road beside a kerb, x m along it."""
+    rng = kerb.rng
+    if rng.random() < 0.55:
+        flip = np.pi if rng.random() < 0.3 else 0.0
+        furniture.add_car(kerb.clutter().at(x, -1.05, flip + rng.normal(0.0, 0.02)))
 
 
 def add_on_pavement(mesh: MeshBuilder) -> None:

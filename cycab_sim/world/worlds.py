@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cycab_sim.params import SeasonParams
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
 from cycab_sim.world.city import BOUNDS, build_city, tour
@@ -64,21 +65,23 @@ class World:
     path: Path
     bounds: Rectangle
     loops: tuple[Loop, ...] = ()
-    is_wide: bool = False  # shadows are needed wherever its bounds reach
 
 
-def build_world(world: str, seed: int, path: str = "two_turns") -> World:
+def build_world(world: str, seed: int, path: str = "two_turns", season: SeasonParams | None = None) -> World:
     """Return a world of a seed; `path` names the town's path, the others have one only."""
+    season = season or SeasonParams()
     if world == "town":
-        mesh, plan = build_town(seed)
+        mesh, plan = build_town(seed, season)
         return World(mesh, GroundProfile(), taught_path(plan, path), plan.bounds, town_loops(plan))
     if world == "city":
-        return World(build_city(seed), GroundProfile(), tour(), BOUNDS, city_loops(), is_wide=True)
+        return World(build_city(seed, season), GroundProfile(), tour(), BOUNDS, city_loops())
     if world == "corridor":
         path_along = Path((4.0, 0.0, 0.0), (Piece(CORRIDOR - 8.0),))
         return World(_build_corridor(seed), GroundProfile(), path_along, (0.0, -4.0, CORRIDOR, 4.0))
     if world == "ramp":
-        return World(_build_ramp(seed), RAMP, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
+        return World(
+            _build_ramp(seed, season), RAMP, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0)
+        )
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
@@ -150,10 +153,10 @@ def _build_corridor(seed: int) -> Mesh:
 
 
 @lru_cache(maxsize=1)
-def _build_ramp(seed: int) -> Mesh:
+def _build_ramp(seed: int, season: SeasonParams) -> Mesh:
     """Return a street along x, houses and trees on either side, everything lifted to the ground's height."""
     rng = np.random.default_rng([seed, 62])
-    mesh = MeshBuilder(rng, height=RAMP.height)
+    mesh = MeshBuilder(rng, season, height=RAMP.height)
     edges = np.unique(np.concatenate([BREAKS[1:-1], np.arange(-40.0, 181.0, 10.0)]))
     for x0, x1 in pairwise(edges):
         mesh.panels(flat(x0, -60, x1, 60, -0.02), finishes.SOIL)

@@ -14,7 +14,7 @@ import numpy as np
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Color
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
-from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, halved, placed, upright
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed, upright
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
@@ -167,21 +167,12 @@ def _add_arm(mesh: MeshBuilder, y: float, shoulder: float, tall: float, cloth: F
 
 
 def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
-    """Add a tyre of 16 pieces and four spokes across."""
-    angle = np.arange(17) * np.pi / 8
-    ring = np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
-    center = np.array([x, 0.0, WHEEL])
-    outer, inner = center + WHEEL * ring, center + (WHEEL - 0.045) * ring
-    off = np.array([0.0, 0.02, 0.0])
-    quads = [
-        np.stack([a[:-1] + s, a[1:] + s, b[1:] + t, b[:-1] + t], axis=1)
-        for a, s, b, t in ((outer, -off, outer, off), (inner, off, inner, -off), (outer, off, inner, off),
-                           (inner, -off, outer, -off))
-    ]  # fmt: skip
-    mesh.solid(halved(np.concatenate(quads)), finishes.RUBBER, center)
-    for turn in np.arange(4) * np.pi / 4:
-        spoke = mesh.within(_pitch(turn, (x, 0.0, WHEEL)))
-        spoke.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL)
+    """Add a tyre of 16 pieces, and eight spokes to its middle."""
+    for number in range(16):
+        piece = mesh.within(_pitch(number * np.pi / 8, (x, 0.0, WHEEL)))
+        piece.box([x - 0.066, -0.02, 0.0], [0.132, 0.04, 0.045], finishes.RUBBER)
+        if number % 2:
+            piece.box([x - 0.006, -0.006, 0.03], [0.012, 0.012, WHEEL - 0.03], finishes.METAL)
 
 
 def _add_section(mesh: MeshBuilder, place: int, color: Color) -> None:

@@ -6,27 +6,24 @@ A loop leaves the town where nobody sees it, behind the outer blocks, so nothing
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from cycab_sim.world import city
-from cycab_sim.world.mesh import Mesh, Rectangle
+from cycab_sim.world.mesh import Rectangle
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array
 
 SPACING = 0.25  # m between the points of a loop
 WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m
 CLEAR = 1.0  # from the middle of the taught path: half a car and some air, m
 NEAR, FAR = 3.4, 6.6  # of the roads around the town, outside of its edge, m
 ASIDE = 0.45  # of the road on the street that cyclists share, m
-CELL, MARGIN = 0.1, 12.0  # of the grid of obstacles, m
-BODY = (0.35, 1.9)  # heights above the road at which a pedestrian is hit, m
-SIDESTEPS = np.linspace(-0.9, 0.9, 19)  # to the left of a walk, m
-ROOM = 0.5  # that a pedestrian likes to have on either side, m
+WALK = 1.1  # from the kerb: between what stands beside it and beside the walls, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +45,6 @@ class Loop:
         """Length in metres, as those who move on it count it."""
         return len(self.points) * SPACING
 
-    def at(self, distance: Array) -> Array:
-        """Return the points (N, 2) m at distances (N,) m from the start."""
-        s = (distance / SPACING) % len(self.points)
-        i = np.floor(s).astype(np.int64)
-        share = (s - i)[:, None]
-        return (1.0 - share) * self.points[i % len(self.points)] + share * self.points[(i + 1) % len(self.points)]
-
 
 def town_loops(plan: Plan) -> tuple[Loop, ...]:
     """Return all loops of a town: streets and the road around it, cycling around the centre, walks on pavements."""
@@ -67,7 +57,7 @@ def town_loops(plan: Plan) -> tuple[Loop, ...]:
     ]
     a, b = 1.1, 1.3  # to the right of the middle of the street
     cycles = [_upwards((b, a, e - a, n - a))]
-    walks = [_inset(block, 1.0)[:: 1 if i % 2 else -1] for i, block in enumerate(plan.blocks())]
+    walks = [_inset(block, WALK)[:: 1 if i % 2 else -1] for i, block in enumerate(plan.blocks())]
     zebra, over = HALF_ROAD + 2.1, HALF_ROAD + 1.0
     across = [_inset((zebra, y - over, e - zebra, y + over)) for y in (0.0, n)]
     across += [_inset((x - over, zebra, x + over, n - zebra)) for x in (0.0, e)]
@@ -88,7 +78,7 @@ def city_loops() -> tuple[Loop, ...]:
     cycles = [_upwards((126.0, 8.0, 163.0, 46.0))]  # on the square
     along = [_upwards(block, b)]
     blocks = [area for area, sides in city.BLOCKS if "l" not in sides]
-    areas = [*((area, 1.0) for area in blocks), ((80.0, 10.0, 111.0, 44.0), 0.0), ((78.0, -38.0, 140.0, -12.0), 0.0),
+    areas = [*((area, WALK) for area in blocks), ((80.0, 10.0, 111.0, 44.0), 0.0), ((78.0, -38.0, 140.0, -12.0), 0.0),
              ((130.0, 12.0, 158.0, 40.0), 0.0), ((60.0, -12.0, 80.0, 12.0), 0.0)]  # fmt: skip
     walks = [_inset(area, d)[:: 1 if i % 2 else -1] for i, (area, d) in enumerate(areas)]
     return (
@@ -103,33 +93,17 @@ def city_loops() -> tuple[Loop, ...]:
 
 def free_loops(loops: Iterable[Loop], path: Path, may_cross: bool) -> list[Loop]:
     """Return the loops on which nothing comes into the way of a car on the path; all of them if they may cross it."""
-    taught = path.at(np.arange(0.0, path.length, 0.5))[:, :2]
-    taught = np.concatenate([taught, path.at(path.length + np.arange(0.0, 6.0, 0.5))[:, :2]])
+    taught = path.at(np.arange(0.0, path.length + 6.0, 0.5))[:, :2]
 
     def is_free(loop: Loop) -> bool:
-        off = loop.points[::2, None] - taught[None]
-        return bool(np.sqrt((off**2).sum(axis=2).min()) > CLEAR + WIDTHS[loop.kind] / 2)
+        return bool(cdist(loop.points[::2], taught).min() > CLEAR + WIDTHS[loop.kind] / 2)
 
     return [loop for loop in loops if may_cross or (not loop.is_crossing and is_free(loop))]
 
 
 def standing_place(path: Path, distance: float) -> Loop:
-    """Return the walk of who does not walk: its first point is on a path, at a distance from its start in m."""
-    x, y, yaw, _ = path.at(distance)
-    angles = yaw + np.arange(8) * np.pi / 4
-    radius = 8 * SPACING / (2 * np.pi)
-    return Loop("walk", np.stack([x - radius * (np.cos(yaw) - np.cos(angles)),
-                                  y - radius * (np.sin(yaw) - np.sin(angles))], axis=1))  # fmt: skip
-
-
-def walk_around(loops: list[Loop], mesh: Mesh) -> list[Loop]:
-    """Return the loops with walks led around what stands on the pavement."""
-    if not any(loop.kind == "walk" for loop in loops):
-        return loops
-    every = np.concatenate([loop.points for loop in loops])
-    corner = every.min(axis=0) - MARGIN
-    grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)
-    return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
+    """Return the walk of who does not walk: a point of a path, at a distance from its start in m."""
+    return Loop("walk", np.tile(path.at(distance)[:2], (2, 1)))
 
 
 def _loops(
@@ -150,38 +124,3 @@ def _upwards(block: Rectangle, d: float = 0.0) -> list[tuple[float, float]]:
     """Return the corners of a rectangle, `d` m inside, from the first one along y."""
     first, *others = _inset(block, d)
     return [first, *reversed(others)]
-
-
-def _room(mesh: Mesh, corner: Array, size: Array) -> Floats:
-    """Return the distance (H, W) m from each cell to the next thing that stands there, at the height of a body."""
-    grid = np.ones(np.ceil(size / CELL).astype(int)[::-1], np.uint8)
-    low, high = mesh.triangles.min(axis=1), mesh.triangles.max(axis=1)
-    is_hit = (high[:, 2] > BODY[0]) & (low[:, 2] < BODY[1])
-    first, last = (np.floor((points[is_hit, :2] - corner) / CELL).astype(int) for points in (low, high))
-    for left, top, right, bottom in np.maximum(np.hstack([first, last + 1]), 0).tolist():
-        grid[top:bottom, left:right] = 0
-    return np.asarray(cv2.distanceTransform(grid, cv2.DIST_L2, 5) * CELL, dtype=np.float32)
-
-
-def _lead_around(loop: Loop, room: Floats, corner: Array) -> Loop:
-    """Return a loop whose points step aside for obstacles: the cheapest smooth line, by dynamic programming."""
-    ahead = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)
-    options = loop.points[:, None] + SIDESTEPS[:, None] * left[:, None]
-    i, j = np.moveaxis(np.floor((options - corner) / CELL).astype(np.int64), -1, 0)
-    here = 400.0 * np.maximum(0.0, ROOM - room[j, i]) ** 2 + 2.0 * SIDESTEPS**2
-    change = 60.0 * (SIDESTEPS[:, None] - SIDESTEPS) ** 2
-    first = int(np.argmin(here[0]))
-    total, back = np.full(len(SIDESTEPS), np.inf), np.empty((len(here), len(SIDESTEPS)), np.int64)
-    total[first] = 0.0
-    for n in range(1, len(here)):
-        costs = total[None] + change
-        back[n] = np.argmin(costs, axis=1)
-        total = costs.min(axis=1) + here[n]
-    choice = np.empty(len(here), np.int64)
-    choice[-1] = int(np.argmin(total + change[first]))
-    for n in range(len(here) - 1, 0, -1):
-        choice[n - 1] = back[n, choice[n]]
-    aside = SIDESTEPS[choice]
-    smooth = np.mean([np.roll(aside, k) for k in (-2, -1, 0, 1, 2)], axis=0)
-    return replace(loop, points=loop.points + smooth[:, None] * left)

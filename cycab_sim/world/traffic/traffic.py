@@ -14,7 +14,7 @@ from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic import figures
 from cycab_sim.world.traffic.figures import Figure
-from cycab_sim.world.traffic.loops import Loop, free_loops, standing_place, walk_around
+from cycab_sim.world.traffic.loops import SPACING, Loop, free_loops, standing_place
 from cycab_sim.world.worlds import World
 from sphere_nav.geometry.arrays import Array, Flags
 
@@ -40,7 +40,7 @@ class Traffic:
         if not world.loops:
             raise ValueError("traffic.density: expected a world with streets (town), found one without")
         rng = np.random.default_rng([seed, params.seed, 71])
-        self.loops = walk_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
+        self.loops = free_loops(world.loops, world.path, params.may_cross)
         self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
         self.actors = _populate(self.loops, params, rng)
         if params.standing_at > 0.0:
@@ -57,6 +57,9 @@ class Traffic:
         owners = [(actor.loop, actor.start, actor.figure.half_width) for actor in self.actors]
         self._loop_of, self._starts, self._widths = (np.array(own)[self._actor_of] for own in zip(*owners, strict=True))
         self._heights = np.array([loop.z for loop in self.loops])[self._loop_of]
+        counts = np.array([len(loop.points) for loop in self.loops])
+        self._counts, self._firsts = counts[self._loop_of], (np.cumsum(counts) - counts)[self._loop_of]
+        self._points = np.concatenate([loop.points for loop in self.loops])
         self._reach = np.array([np.abs(part.mesh.triangles[..., 0]).max() for part in parts], np.float64)  # along x, m
         self._parts = {name: np.array([getattr(part, name) for part in parts], np.float64) for name in _NUMBERS}
 
@@ -83,11 +86,10 @@ class Traffic:
         return T
 
     def _on_loops(self, way: Array) -> Array:
-        points = np.empty((len(way), 2))
-        for number, loop in enumerate(self.loops):
-            here = self._loop_of == number
-            points[here] = loop.at(way[here])
-        return points
+        """Return where parts (P,) are (P, 2) m after their ways (P,) m on their loops."""
+        number, share = np.divmod(way / SPACING, 1.0)
+        here, there = (self._points[self._firsts + (number + k).astype(int) % self._counts] for k in (0, 1))
+        return here + share[:, None] * (there - here)
 
     def _is_near(self, T: Array, yaw: Array, clear: Array, radius: float) -> Flags:
         """Whether any part of an actor is near one of the points, (P,)."""

@@ -15,6 +15,7 @@ from sphere_nav.geometry import SE3, Pinhole
 pytestmark = pytest.mark.slow
 
 PARAMS = TrafficParams(density="usual")
+WIDE = Pinhole(300, 300, 300.0, 300.0, 149.5, 149.5)
 
 
 @cache
@@ -32,10 +33,19 @@ def simulator(small_params):
     return Simulator(replace(small_params, world="town", traffic=PARAMS))
 
 
+def traffic_now(simulator):
+    return simulator.traffic.poses(simulator.time_ns)
+
+
+def seen_with(simulator, poses, camera, T_world_camera):
+    simulator.renderer.move(poses)
+    return simulator.renderer.render(camera, T_world_camera, is_gray=True)
+
+
 def beside_someone(simulator):
     """Pose of a camera 6 m behind a cyclist, looking at him."""
     traffic = simulator.traffic
-    poses = traffic.poses(simulator.time_ns)
+    poses = traffic_now(simulator)
     cyclists = [p for p, a in enumerate(traffic._actor_of) if traffic.loops[traffic.actors[a].loop].kind == "cycle"]
     x, y = poses[cyclists[0], :2, 3]
     forward = poses[cyclists[0], :3, 0]
@@ -53,11 +63,14 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     origin = np.ascontiguousarray(T_world_camera.translation)
     triangles, _ = simulator.renderer._cast(origin, T_world_camera.rotation[:, 2].astype(np.float32)[None])
     assert triangles[0] >= len(simulator.world.mesh.triangles)
-    shadows = simulator.renderer._shadows
-    assert (shadows.depths < shadows._still).sum() > 500  # texels
+    where, away = traffic_now(simulator), traffic_now(simulator)
+    away[:, 2, 3] = 1000.0  # who is high up throws his shadow elsewhere
+    down = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [22.0, 17.0, 60.0])
+    (shaded, near), (lit, far) = (seen_with(simulator, poses, WIDE, down) for poses in (where, away))
+    assert ((shaded < 0.8 * lit) & (near == far)).sum() > 300  # pixels of 0.2 m
     simulator.step(VehicleCommand(), 20 * SECOND)
     later, _ = simulator.render(camera, T_world_camera)
-    assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
+    assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.005  # who was 6 m ahead is gone
 
 
 def test_somebody_stands_in_the_way_where_he_is_put(traffic):
