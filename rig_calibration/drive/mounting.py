@@ -97,8 +97,9 @@ def hand_eye_residuals(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
 
 
 def _moved(X: SE3, scales: Array, step: Array) -> tuple[SE3, Array]:
-    """Return X moved along and turned about the axes of the base, and the scales."""
-    return SE3.from_parts(so3.exp(step[3:6]) @ X.rotation, X.translation + step[:3]), scales + step[6:]
+    """Return X moved along and turned about the axes of the base, and the scales; of steps (..., 8)."""
+    turned = so3.exp(step[..., 3:6]) @ X.rotation
+    return SE3.from_parts(turned, X.translation + step[..., :3]), scales + step[..., 6:]
 
 
 def _fit(A: SE3, B: SE3, start: SE3) -> Mounting:
@@ -137,9 +138,8 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
 
 def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return the derivatives (N, 6, 8) of the errors by the steps of `_moved`, by central differences."""
-    moved = [_moved(X, scales, step) for step in DIFFERENCE * np.concatenate([np.eye(8), -np.eye(8)])]
-    poses, scaled = SE3(np.stack([pose.matrix[None] for pose, _ in moved])), np.stack([s[None] for _, s in moved])
-    ahead, behind = np.split(hand_eye_residuals(A, B, poses, scaled), 2)
+    steps = DIFFERENCE * np.concatenate([np.eye(8), -np.eye(8)])
+    ahead, behind = np.split(hand_eye_residuals(A, B, *_moved(X, scales, steps[:, None])), 2)
     return np.moveaxis((ahead - behind) / (2.0 * DIFFERENCE), 0, -1)
 
 
