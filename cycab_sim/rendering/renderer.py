@@ -82,11 +82,11 @@ class Renderer:
         x0, y0, x1, y1 = bounds
         extent, middle = float(np.hypot(x1 - x0, y1 - y0)), np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
         texel = max(params.shadow_texel, extent / MAX_TEXELS)
-        shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
+        shadow = extent * (params.shadow_texel > 0.0), texel
         self.light = light_at(light, 0.0, 0)
-        self._shadows = ShadowMap(self._scene, shadow, self.light.sun, middle, self._pool)
+        self._shadows = ShadowMap(self._scene, shadow, self.light.sun, middle)
         shelter = extent, max(SHELTER_TEXEL, texel)
-        roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle, self._pool)
+        roof = ShadowMap(self._scene, shelter, np.array([0.0, 0.0, 1.0]), middle)
         self._weather = Weather(self.mesh, light, season or SeasonParams(), roof)
 
     def move(self, T_world_part: Array) -> None:
@@ -127,13 +127,12 @@ class Renderer:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
-        depths = self._shadows.depths
 
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
             triangles[part], ranges[part] = self._cast(origin, rays[part])
             view = PixelView(origin, rays[part], ranges[part], triangles[part], cone[part])
-            self._shade(view, depths, color[part])
+            self._shade(view, color[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
         return PixelView(origin, rays, ranges, triangles, cone)
@@ -146,7 +145,7 @@ class Renderer:
         triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
         return triangles, ranges
 
-    def _shade(self, view: PixelView, depths: Floats, color: Floats, is_mirror: bool = False) -> None:
+    def _shade(self, view: PixelView, color: Floats, is_mirror: bool = False) -> None:
         m, s, now = self.mesh, self._shadows, self.light
         lamps = now.sun, now.sun_color, now.sky_color, now.sky_gain
         _paint_rays(m, view, color)
@@ -154,7 +153,7 @@ class Renderer:
         albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(
             view.origin, view.rays, view.ranges, view.triangles, view.cone, m.normals,
-            lamps, self._open_to_sun(view), depths, s.texel, s.corner, s.T_sun_world, color,
+            lamps, self._open_to_sun(view), s.depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
         self._weather.add_lamps(view, albedo, color, self.torch, self.measure)
         if not is_mirror:
@@ -163,7 +162,7 @@ class Renderer:
     def _open_to_sun(self, view: PixelView) -> Floats:
         """Return 0 where something that moves hides the sun from what rays (N,) met, 1 elsewhere."""
         is_open = np.ones(len(view.rays), np.float32)
-        if self._moving is not None and self._shadows.has_shadows:
+        if self._moving is not None and self.params.shadow_texel > 0.0:
             met = np.flatnonzero(view.triangles >= 0)
             points, normals, _ = view.part(met, self.mesh)
             sun = self.light.sun.astype(np.float32)
@@ -187,7 +186,7 @@ class Renderer:
             self._moving.scene.cast_nearer(below, seen, triangles, ranges)
         color = np.empty_like(rays)
         mirrored = PixelView(below, seen, ranges, triangles, cone)
-        self._shade(mirrored, self._shadows.depths, color, is_mirror=True)
+        self._shade(mirrored, color, is_mirror=True)
         return color
 
     def _refine(self, rays: Floats, hits: PixelView, color: Floats) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
@@ -16,34 +15,22 @@ REACH = 400.0  # the sun's rays start this far away, m
 class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
-    It covers a square of (side m, texel m) around `center` (3,) m; of a texel of 0 nothing casts a shadow.
+    It covers a square of (side m, texel m) around `center` (3,) m, beyond which nothing casts a shadow.
     `sun`: the unit vector (3,) towards the sun.
     """
 
-    def __init__(
-        self,
-        scene: PacketScene,
-        square: tuple[float, float],
-        sun: Array,
-        center: Array,
-        pool: ThreadPoolExecutor,
-    ) -> None:
-        extent, texel = square
-        self.has_shadows = texel > 0.0
-        self.texel = texel if self.has_shadows else 1.0
-        self._size = int(extent / self.texel) if self.has_shadows else 2
-        self._scene, self._center, self._pool = scene, center, pool
+    def __init__(self, scene: PacketScene, square: tuple[float, float], sun: Array, center: Array) -> None:
+        extent, self.texel = square
+        self._size = int(extent / self.texel)
+        self._scene, self._center = scene, center
         self._lock = Lock()
         self.T_sun_world = _shadow_frame(sun)
-        self.corner = self.T_sun_world[:2] @ center - 0.5 * self._size * self.texel * self.has_shadows
-        self._depths: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
+        self.corner = self.T_sun_world[:2] @ center - 0.5 * self._size * self.texel
+        self._depths: Floats | None = None
 
     @property
     def depths(self) -> Floats:
-        """Depths without what moves; cast when they are asked for, since a world without pictures needs none.
-
-        Not to be asked for first from within the pool, whose threads cast them.
-        """
+        """Depths without what moves; cast when they are asked for, since a world without pictures needs none."""
         with self._lock:
             if self._depths is None:
                 self._depths = self._cast()
@@ -55,14 +42,11 @@ class ShadowMap:
         columns = corner[0] + texel * np.arange(size)
         direction = R[2:].astype(np.float32)
         base = float(R[2] @ self._center) - REACH
-
-        def work(row: int) -> None:
+        for row in range(size):
             local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)
             starts = (local @ R).astype(np.float32)
             _, far = self._scene.cast(starts, np.repeat(direction, size, axis=0))
             depth[row] = base + far
-
-        list(self._pool.map(work, range(size)))
         return depth
 
 

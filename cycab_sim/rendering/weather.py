@@ -102,8 +102,6 @@ class Weather:
 
     def __init__(self, mesh: Mesh, light: LightParams, season: SeasonParams, roof: ShadowMap) -> None:
         self.mesh, self.light, self.season, self._roof = mesh, light, season, roof
-        if season.wet or season.snow:
-            _ = roof.depths  # cast now, not from within the pool
         self._wear = np.ones(max(k.FACADE, *WORN) + 1, np.float32)
         self._wear[list(WORN)] = list(WORN.values())
         self._glow = _find_glow(mesh) if light.has_street_lamps else None

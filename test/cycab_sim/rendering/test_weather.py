@@ -1,4 +1,3 @@
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +42,6 @@ def test_what_stands_before_a_lamp_takes_its_light(box_mesh):
 
 
 HEIGHT = 0.4  # of the level ground below, m
-POOL = ThreadPoolExecutor(1)
 
 
 def weather_of(season, noise=0.0):
@@ -51,7 +49,7 @@ def weather_of(season, noise=0.0):
     mesh = MeshBuilder(np.random.default_rng(1))
     mesh.panels([[[-50, -50, HEIGHT], [50, -50, HEIGHT], [50, 50, HEIGHT], [-50, 50, HEIGHT]]], ASPHALT)
     built = mesh.build()
-    sky = ShadowMap(PacketScene(built.triangles), (1.0, 0.0), np.array([0.0, 0.0, 1.0]), np.zeros(3), POOL)  # open
+    sky = ShadowMap(PacketScene(built.triangles), (0.0, 1.0), np.array([0.0, 0.0, 1.0]), np.zeros(3))  # open
     weather = Weather(built, LightParams(), season, sky)
     weather._noise = lambda *_: np.full(3, noise, np.float32)
     down = np.array([0.2, 0.5, 0.9])
