@@ -89,7 +89,6 @@ THINGS = {
     **{kind: lambda kind=kind: made(getattr(figures, f"make_{kind}")) for kind in ("tram", "pedestrian", "cyclist")},
     "ways": lambda: ways(loops.town_loops(PLAN)) + ways(loops.city_loops()),
     "paths": paths,
-    "walks": lambda: ways(tuple(traffic().loops)),
     "traffic": lambda: [traffic().mesh, *(traffic().poses(k * SECOND) for k in (0, 77))],
     "who keeps off": lambda: [traffic().poses(SECOND, np.array([[5.0, 5.0], [20.0, 1.0]]), 2.0)],
 }  # fmt: skip
@@ -100,7 +99,7 @@ NUMBERS = {
     "house": 0.136372, "row": -5.615799, "block": -4.219475, "square": -1.214205,
     "rails and views": -0.236118, "cloud": -1.289453, "views": 3.602259, "town": 3.682713, "parked cars": -5.479565,
     "autumn": -7.383343, "winter": -1.477781, "tram": -2.724044, "pedestrian": 2.273996, "cyclist": -3.822752,
-    "ways": 3.019920, "paths": 3.485482, "walks": -2.614546, "traffic": 7.601341, "who keeps off": -0.462488,
+    "ways": 3.019920, "paths": 3.485482, "traffic": 7.601341, "who keeps off": -0.462488,
 }  # fmt: skip
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from cycab_sim.simulator import Simulator
 from cycab_sim.world.paths import Path, Piece, turn
-from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
 
@@ -31,14 +30,6 @@ def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
     wheels = T_world_base.apply(np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.6, 0], [0, -0.6, 0]]))
     np.testing.assert_allclose(wheels[:, 2], ground.height(wheels[:, 0]), atol=2e-3)  # second order in the slope
     assert GroundProfile().follow(planar, 1.2, 1.2) is planar
-
-
-def test_the_block_is_closed():
-    plan = draw_plan(2)
-    path = taught_path(plan, "block")
-    start, end = path.at(np.array([0.0, path.length - 1e-9]))
-    np.testing.assert_allclose(end[:2], start[:2], atol=1e-6)
-    assert path.length > 120.0
 
 
 def test_a_path_turns_by_its_radius_and_goes_straight_on_beyond_its_ends():
