@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.rendering.renderer import Renderer, _split
 from cycab_sim.sensors.cameras import OPTICAL
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -49,3 +49,11 @@ def test_outside_the_lens_there_is_nothing(renderer, looking_along_x):
     assert np.all(np.isnan(ranges[outside]))
     assert np.all(image[outside] == 0.0)
     assert np.all(image[~outside] > 0.0)
+
+
+def test_finer_rays_are_those_of_the_parts_of_a_pixel():
+    pixels = np.array([[80.0, 60.0], [3.0, 5.0], [159.0, 0.0]])  # at a border by the neighbour that there is
+    edges = (pixels @ [1, 160]).astype(int)
+    found = _split(PINHOLE.unproject(pixel_grid(PINHOLE)).astype(np.float32), edges, 2).reshape(3, 4, 3)
+    parts = np.array([[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]])  # u, v
+    np.testing.assert_allclose(found, PINHOLE.unproject(pixels[:, None] + parts), atol=2e-5)
