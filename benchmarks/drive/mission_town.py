@@ -22,9 +22,11 @@ from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve, Network, Spot
+from path_follower.routes.building import build_network
+from path_follower.routes.network import Network, Spot
 from path_follower.routes.network_file import write_network
+from path_follower.smoothing import Curve
+from path_follower.taught import TaughtDrive
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State, Status
@@ -229,7 +231,7 @@ def tour_network() -> Network:
     """Return the network of the tour as it was meant."""
     way = rounded_way(TOUR)
     x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
-    return named(build_network([TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city"))
+    return named(build_network([TaughtDrive(Curve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city"))
 
 
 def named(network: Network) -> Network:

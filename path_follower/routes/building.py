@@ -34,18 +34,12 @@ from path_follower.routes.constants import (
     STUB,
     TURN_SCALE,
 )
-from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
+from path_follower.routes.network import Indices, Network, RouteEdge
+from path_follower.smoothing import Curve
+from path_follower.taught import TaughtDrive
 from sphere_nav.geometry.arrays import Array
 
 HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there
-
-
-@dataclass(frozen=True, eq=False)
-class TaughtDrive:
-    """A taught curve, driven forward (1) or backwards (-1)."""
-
-    curve: EdgeCurve
-    direction: int = 1
 
 
 @dataclass(frozen=True)
@@ -72,7 +66,7 @@ class _Place(NamedTuple):
 class _Strand:
     """A curve of the network before it is cut, and its points: its own but at ends that lie on another curve."""
 
-    curve: EdgeCurve
+    curve: Curve
     places: list[_Place]
 
 
@@ -153,7 +147,7 @@ def _joint(strands: Sequence[_Strand], left: _Place, met: _Place) -> tuple[_Plac
 
 
 # --- alongside
-def _alongside(strands: Sequence[_Strand], curve: EdgeCurve) -> tuple[Indices, Indices]:
+def _alongside(strands: Sequence[_Strand], curve: Curve) -> tuple[Indices, Indices]:
     """Return on which curve each point of a drive lies, and where; the one that is followed counts while it is near."""
     curves = [*(strand.curve for strand in strands), curve]
     off, near = map(np.array, zip(*(_near(there, curve) for there in curves), strict=True))
@@ -170,7 +164,7 @@ def _alongside(strands: Sequence[_Strand], curve: EdgeCurve) -> tuple[Indices, I
     return on, at
 
 
-def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
+def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
     at = np.arange(last, min(last + round(1.0 / SPACING), len(there)), dtype=np.intp)
     best = at[np.argmin(np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point]))]
@@ -178,7 +172,7 @@ def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     return int(_on_lane(there, curve, best, point)[1]) if is_past else -1
 
 
-def _near(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
+def _near(there: Curve, curve: Curve) -> tuple[Array, Indices]:
     """Return the distance of each point of a drive from a curve, and the index there, -1: not on its lane.
 
     Of the drive itself only what is PAST m behind counts.
@@ -194,7 +188,7 @@ def _near(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     return off, at
 
 
-def _features(curve: EdgeCurve) -> Array:
+def _features(curve: Curve) -> Array:
     turned = (TURN_SCALE * np.cos(curve.yaw), TURN_SCALE * np.sin(curve.yaw))
     return np.stack([curve.x, curve.y, *turned], axis=-1)
 
@@ -206,13 +200,13 @@ def _nearest(known: Array, features: Array) -> Indices:
     return np.minimum(at, len(known) - 1)
 
 
-def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
+def _on_lane(there: Curve, curve: Curve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
     off, turned = _apart(there, curve, at, points)
     is_near = (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
 
 
-def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
+def _apart(there: Curve, curve: Curve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
     """Return m and rad between points of two curves."""
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     return off, turned_by(there.yaw[at], curve.yaw[points])
@@ -270,7 +264,7 @@ def _are_connected(strands: Sequence[_Strand], left: _Place, met: _Place) -> boo
 
 # --- branches
 def _branch(
-    strands: Sequence[_Strand], curve: EdgeCurve, at: Indices, runs: Sequence[_Run], index: int, side: int
+    strands: Sequence[_Strand], curve: Curve, at: Indices, runs: Sequence[_Run], index: int, side: int
 ) -> tuple[int, _Place | None]:
     """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
     run, near = runs[index], index + side
@@ -289,14 +283,14 @@ def _branch(
     return int(best), _Place(other.on, end)
 
 
-def _most_alike(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> Indices:
+def _most_alike(there: Curve, curve: Curve, at: Indices, points: Indices) -> Indices:
     """Return those of the points of a drive that are most alike, in pose and curvature, to points of a curve."""
     off, turned = _apart(there, curve, at, points)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
     return points[cost <= cost.min() + ALIKE]
 
 
-def _blended(curve: EdgeCurve, here: int, other: EdgeCurve, at: int, span: float) -> EdgeCurve:
+def _blended(curve: Curve, here: int, other: Curve, at: int, span: float) -> Curve:
     """Return a curve that begins (`here` is 0) or ends (-1) with the pose and curvature of a point of another one.
 
     The offset from what was driven fades out over `span` m by the polynomial of fifth degree that has it, its slope and
@@ -315,7 +309,7 @@ def _blended(curve: EdgeCurve, here: int, other: EdgeCurve, at: int, span: float
     turned = np.arctan2(np.gradient(y), np.gradient(x))
     turned[here] = target.yaw
     turned = np.where(way < span, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
-    return EdgeCurve(x, y, np.unwrap(turned), curve.speed)
+    return Curve(x, y, np.unwrap(turned), curve.speed)
 
 
 def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
@@ -355,7 +349,7 @@ def _cut(strands: Sequence[_Strand], links: _Links, map_id: str) -> Network:
     for number, chain in enumerate(chains, len(names) + 1):
         x, y, yaw, speed = np.stack([columns[place.strand][:, place.at] for place in chain], axis=1)
         ways = links[chain[0], chain[1]]
-        curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
+        curve = Curve(x, y, np.unwrap(yaw), speed)
         edges[number] = RouteEdge(number, names[chain[0]], names[chain[-1]], curve, 1 in ways, -1 in ways)
     nodes = {name: strands[place.strand].curve.point(place.at) for place, name in names.items()}
     return Network(nodes, edges, {"home": names[home]}, map_id)

@@ -20,7 +20,8 @@ import numpy as np
 from path_follower.path import Pose2, between
 from path_follower.path_files import COLUMNS
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge
+from path_follower.routes.network import Network, RouteEdge
+from path_follower.smoothing import Curve
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, numbers, read_as, read_text, required, short
@@ -180,7 +181,7 @@ def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
         raise ValueError(f"{at}.curve: expected points at most {MAX_CURVE_GAP} m apart, found {gap:.3g} m")
     told = edge.metadata
     start, end = (edge.startid, edge.endid) if told.forward else (edge.endid, edge.startid)
-    return RouteEdge(key, start, end, EdgeCurve(x, y, yaw, speed), told.forward, told.reverse)
+    return RouteEdge(key, start, end, Curve(x, y, yaw, speed), told.forward, told.reverse)
 
 
 def _check_ends(network: Network, where: str) -> None:
