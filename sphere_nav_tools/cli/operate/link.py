@@ -58,6 +58,7 @@ EXPECTED = {  # states that confirm a command
     "stop": ("STOPPING", *AT_REST),
 }
 GOES_ON = ("WAITING", "STARTING", "DRIVING")  # states in which a mission drives, or will by itself
+OF_MISSION = {"pause": ("PAUSED",), "resume": ("STOPPING", *GOES_ON)}  # that confirm what a mission is asked for
 CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOAD_PATH, LOAD_MAP = "path_follower/load_trajectory", "dense_localizer/load_map"
@@ -184,10 +185,13 @@ class Link:
     def command(self, name: str) -> str:
         """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
         self.seen.refused = ""
-        is_mission = name in ("pause", "resume") and self.seen.mission != "IDLE"
-        node = "route_navigator" if is_mission else "path_follower"
-        told = self._stop() if name == "stop" else self._ask(f"{node}/{name}", EXPECTED[name])
-        if not told.startswith(EXPECTED[name]):
+        is_mission = name in OF_MISSION and self.seen.mission != "IDLE"
+        expected = OF_MISSION[name] if is_mission else EXPECTED[name]
+        if is_mission:
+            told = self.call(f"route_navigator/{name}") or self._of_mission(expected)
+        else:
+            told = self._stop() if name == "stop" else self._ask(f"path_follower/{name}", expected)
+        if not told.startswith(expected):
             self.seen.refused = by_buttons(f"{name}: {told}")
         return f"{name}: {told}"
 
@@ -348,6 +352,11 @@ class Link:
             return f"{status.state} {status.reason}".strip() if is_so else ""
 
         return self._until(find) or "NOT CONFIRMED by the follower: use the button on the vehicle"
+
+    def _of_mission(self, states: tuple[str, ...]) -> str:
+        """Wait until the mission is in one of the states; return it, or that it is not confirmed."""
+        self._until(lambda: self.seen.mission in states)
+        return self.seen.mission if self.seen.mission in states else "NOT CONFIRMED by the navigator"
 
     def _until(self, find: Callable[[], Found]) -> Found:
         """Wait until something is found, and return it; nothing when the time is over."""
