@@ -10,7 +10,7 @@ links branch, or are driven in other directions, edges begin and end.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -71,6 +71,7 @@ class _Strand:
 
 
 _Links = dict[tuple[_Place, _Place], set[int]]  # from a point to the next one: in which directions it was driven
+_Neighbours = dict[_Place, dict[_Place, bool]]  # of each point: whether they are ahead of it, or behind
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
@@ -102,48 +103,40 @@ def _add_drive(strands: list[_Strand], links: _Links, drive: TaughtDrive) -> Non
             span = curve.between(first, last).length / (1.0 if begin is None or end is None else 2.0)
             for joint, here in ((begin, 0), (end, -1)):
                 if joint is not None:
-                    place = _settled(places, joint)
-                    other = strands[place.strand]
-                    strand.curve = _blended(strand.curve, here, other.curve, place.at, min(BLEND, span))
-                    strand.places[here] = other.places[place.at]
-    for point in range(kept.start, kept.stop):
-        place = places[point] = _settled(places, places[point])
-        speed = strands[place.strand].curve.speed
-        speed[place.at] = np.fmax(speed[place.at], curve.speed[point])
-    for left, met in pairwise(places[kept]):
-        for step in _steps(strands, left, met):
-            links.setdefault(step, set()).add(drive.direction)
+                    place = strand.places[here] = _settled(strands, places, joint)
+                    strand.curve = _blended(strand.curve, here, strands[place.strand].curve, place.at, min(BLEND, span))
+    near, own = _neighbours(strands), [_settled(strands, places, place) for place in places[kept]]
+    for place, speed in zip(own, curve.speed[kept], strict=True):
+        known = strands[place.strand].curve.speed
+        known[place.at] = np.fmax(known[place.at], speed)
+    for left, met in pairwise(own):
+        for a, b in pairwise(_way(near, left, met)):
+            links.setdefault((a, b) if near[a][b] else (b, a), set()).add(drive.direction)
 
 
-def _settled(places: Sequence[_Place], place: _Place) -> _Place:
-    """Return a place on a curve of the network for one on what the drive itself did before."""
+def _settled(strands: Sequence[_Strand], places: Sequence[_Place], place: _Place) -> _Place:
+    """Return a place of the network for one on a curve, or on what the drive itself did before."""
     while place.strand == HERE:
         place = places[place.at]
-    return place
+    return strands[place.strand].places[place.at]
 
 
-def _steps(strands: Sequence[_Strand], left: _Place, met: _Place) -> list[tuple[_Place, _Place]]:
-    """Return the steps from one place to the next, along one curve or over the point that two have in common."""
-    ends = [(left, met)]
-    if left.strand != met.strand:
-        joint = _joint(strands, left, met)
-        ends = [] if joint is None else [(left, joint[0]), (joint[1], met)]
-    return [
-        step
-        for a, b in ends
-        for step in pairwise(strands[a.strand].places[min(a.at, b.at) : max(a.at, b.at) + 1])
-        if step[0] != step[1]
-    ]
+def _neighbours(strands: Sequence[_Strand]) -> _Neighbours:
+    near: _Neighbours = defaultdict(dict)
+    for left, met in (step for strand in strands for step in pairwise(strand.places)):
+        near[left][met], near[met][left] = True, False
+    return near
 
 
-def _joint(strands: Sequence[_Strand], left: _Place, met: _Place) -> tuple[_Place, _Place] | None:
-    """Return where one curve ends on another, or this begins on it, as places on both; of two the nearer, else None."""
-    ours, theirs = strands[left.strand].places, strands[met.strand].places
-    found = [(len(ours) - 1, theirs.index(ours[-1]))] if ours[-1] in theirs else []
-    found += [(ours.index(theirs[0]), 0)] if theirs[0] in ours else []
-    joints = [(_Place(left.strand, end), _Place(met.strand, begin)) for end, begin in found]
-    apart = {max(abs(a.at - left.at), abs(b.at - met.at)): (a, b) for a, b in joints if a != b}
-    return apart[min(apart)] if apart else None
+def _way(near: _Neighbours, left: _Place, met: _Place) -> list[_Place]:
+    """Return the places from one to another one, the shortest way, ahead or back; none where there is none nearby."""
+    ways, seen = deque([[left]]), {left}
+    while ways and len(way := ways.popleft()) < 2.0 * (BLEND + 2.0) / SPACING:
+        if way[-1] == met:
+            return way
+        ways += [[*way, place] for place in near[way[-1]] if place not in seen]
+        seen.update(near[way[-1]])
+    return []
 
 
 # --- alongside
@@ -241,25 +234,20 @@ def _tidy(on: Indices, at: Indices) -> list[_Run]:
 
 def _with_changes(strands: Sequence[_Strand], at: Indices, runs: list[_Run]) -> list[_Run]:
     """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
-    half = round(MIN_SHARED / SPACING)
+    half, near = round(MIN_SHARED / SPACING), _neighbours(strands)
     result = runs[:1]
     for run in runs[1:]:
         last = result[-1]
-        ends = _Place(last.on, int(at[last.last])), _Place(run.on, int(at[run.first]))
-        if OWN not in (last.on, run.on) and not _are_connected(strands, *ends):
+        ends = [(last.on, int(at[last.last])), (run.on, int(at[run.first]))]
+        is_known = min(last.on, run.on) >= 0  # else on a curve of its own, or on what it did before
+        is_joined = is_known and _way(near, *(strands[on].places[point] for on, point in ends))
+        if OWN not in (last.on, run.on) and not is_joined:
             left, met = max(last.first, last.last - half), min(run.last, run.first + half)
             result[-1] = replace(last, last=left)
             result.append(_Run(OWN, left + 1, met - 1))
             run = replace(run, first=met)
         result.append(run)
     return result
-
-
-def _are_connected(strands: Sequence[_Strand], left: _Place, met: _Place) -> bool:
-    """Whether the curve that is left ends on that which is met, or this begins on it, about where they change over."""
-    joint = None if HERE in (left.strand, met.strand) else _joint(strands, left, met)
-    near = (BLEND + 2.0) / SPACING
-    return joint is not None and abs(joint[0].at - left.at) <= near and abs(joint[1].at - met.at) <= near
 
 
 # --- branches
