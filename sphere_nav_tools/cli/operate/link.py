@@ -58,7 +58,7 @@ EXPECTED = {  # states that confirm a command
     "stop": ("STOPPING", *AT_REST),
 }
 GOES_ON = ("WAITING", "STARTING", "DRIVING")  # states in which a mission drives, or will by itself
-OF_MISSION = {"pause": ("PAUSED",), "resume": ("STOPPING", *GOES_ON)}  # that confirm what a mission is asked for
+OF_MISSION = {"pause": ("PAUSED",), "resume": ("STOPPING", *GOES_ON)}  # the same of what a mission is asked for
 CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOAD_PATH, LOAD_MAP = "path_follower/load_trajectory", "dense_localizer/load_map"
@@ -186,12 +186,11 @@ class Link:
         """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
         self.seen.refused = ""
         is_mission = name in OF_MISSION and self.seen.mission != "IDLE"
-        expected = OF_MISSION[name] if is_mission else EXPECTED[name]
+        node, who, states = ("path_follower", "follower", EXPECTED[name])
         if is_mission:
-            told = self.call(f"route_navigator/{name}") or self._of_mission(expected)
-        else:
-            told = self._stop() if name == "stop" else self._ask(f"path_follower/{name}", expected)
-        if not told.startswith(expected):
+            node, who, states = ("route_navigator", "mission", OF_MISSION[name])
+        told = self._stop() if name == "stop" else self._ask(f"{node}/{name}", states, who=who)
+        if not told.startswith(states):
             self.seen.refused = by_buttons(f"{name}: {told}")
         return f"{name}: {told}"
 
@@ -338,25 +337,20 @@ class Link:
         future.add_done_callback(lambda _: done.set())
         return future.result() if done.wait(seconds) else None
 
-    def _ask(self, name: str, states: tuple[str, ...], patience: float = ANSWER_S) -> str:
+    def _ask(self, name: str, states: tuple[str, ...], patience: float = ANSWER_S, who: str = "follower") -> str:
         """Call a service, and return the state of the follower that shows that it was done, or why it was not."""
-        return self.call(name, patience) or self._confirmed(lambda status: status.state in states)
+        return self.call(name, patience) or self._confirmed(lambda status: status.state in states, who)
 
-    def _confirmed(self, holds: Callable[[Any], bool]) -> str:
+    def _confirmed(self, holds: Callable[[Any], bool], who: str = "follower") -> str:
         """Wait until the follower says so, after now; return its state and reason, or that it is not confirmed."""
         begin = time.monotonic()
 
         def find() -> str:
-            status, age = self.seen.told("follower")
+            status, age = self.seen.told(who)
             is_so = status is not None and time.monotonic() - age > begin and holds(status)
             return f"{status.state} {status.reason}".strip() if is_so else ""
 
-        return self._until(find) or "NOT CONFIRMED by the follower: use the button on the vehicle"
-
-    def _of_mission(self, states: tuple[str, ...]) -> str:
-        """Wait until the mission is in one of the states; return it, or that it is not confirmed."""
-        self._until(lambda: self.seen.mission in states)
-        return self.seen.mission if self.seen.mission in states else "NOT CONFIRMED by the navigator"
+        return self._until(find) or f"NOT CONFIRMED by the {who}: use the button on the vehicle"
 
     def _until(self, find: Callable[[], Found]) -> Found:
         """Wait until something is found, and return it; nothing when the time is over."""
