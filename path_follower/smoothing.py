@@ -70,6 +70,14 @@ class Curve:
         return Curve(*self.columns[:, first : last + 1].copy())
 
 
+@dataclass(frozen=True, eq=False)
+class TaughtDrive:
+    """A taught curve, driven forward (1) or backwards (-1)."""
+
+    curve: Curve
+    direction: int = 1
+
+
 def smooth_curve(points: Array, params: PathParams) -> Curve:
     """Return the smooth curve along points (N, 2), N >= 2, that are not all at one place; it heads as they go on.
 

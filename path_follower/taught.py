@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from path_follower.constants import (
 )
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath, Segment, turned_by
-from path_follower.smoothing import Curve, smooth_curve
+from path_follower.smoothing import Curve, TaughtDrive, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
@@ -36,14 +36,6 @@ class Given(NamedTuple):
     speed: Array | None = None
     map_id: str = ""
     frame: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class TaughtDrive:
-    """A taught curve, driven forward (1) or backwards (-1)."""
-
-    curve: Curve
-    direction: int = 1
 
 
 def make_path(given: Given, params: FollowerParams) -> ReferencePath:

@@ -25,8 +25,7 @@ from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import build_network
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve
-from path_follower.taught import TaughtDrive
+from path_follower.smoothing import Curve, TaughtDrive
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State, Status

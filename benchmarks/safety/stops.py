@@ -27,8 +27,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from path_follower.routes.building import build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve
-from path_follower.taught import TaughtDrive
+from path_follower.smoothing import Curve, TaughtDrive
 from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.processes import Processes

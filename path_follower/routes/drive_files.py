@@ -7,7 +7,8 @@ from pathlib import Path
 
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_given
-from path_follower.taught import TaughtDrive, make_drives
+from path_follower.smoothing import TaughtDrive
+from path_follower.taught import make_drives
 from sphere_nav.geometry.files.untrusted import told_at
 
 

@@ -16,7 +16,7 @@ from path_follower.routes.drive_files import read_drives
 from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Route
-from path_follower.taught import TaughtDrive
+from path_follower.smoothing import TaughtDrive
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns

@@ -3,8 +3,7 @@
 import numpy as np
 
 from path_follower.constants import SPACING
-from path_follower.smoothing import Curve
-from path_follower.taught import TaughtDrive
+from path_follower.smoothing import Curve, TaughtDrive
 
 
 def even_curve(x, y, yaw, speed):

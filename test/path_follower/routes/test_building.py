@@ -9,8 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
 from path_follower.routes.building import build_network
-from path_follower.smoothing import Curve
-from path_follower.taught import TaughtDrive
+from path_follower.smoothing import Curve, TaughtDrive
 from worlds.curves import even_curve
 
 LANE = 0.6
