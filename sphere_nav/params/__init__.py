@@ -102,16 +102,15 @@ class Leaf:
         return f"{self.doc} [{'; '.join(details)}]" if details else self.doc
 
 
-@functools.cache
-def leaves(cls: Any) -> tuple[Leaf, ...]:
+def leaves(cls: Any) -> list[Leaf]:
     """Return every value of a parameters class, nested groups included, in order of declaration."""
     found: list[Leaf] = []
     for item, kind in _fields(cls):
-        if dataclasses.is_dataclass(kind):
+        if hasattr(kind, "__dataclass_fields__"):
             found += (dataclasses.replace(leaf, name=f"{item.name}.{leaf.name}") for leaf in leaves(kind))
         elif kind in SCALARS:
             found.append(Leaf(name=item.name, type=kind, default=item.default, **item.metadata))
-    return tuple(found)
+    return found
 
 
 def build(cls: type[C], values: Mapping[str, Any]) -> C:
@@ -122,8 +121,8 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
             raise ValueError(f"{name}: unknown parameter{meant(name, known)}")
         known[name].check(value)
     arguments: dict[str, Any] = {}
-    for item, kind in _fields(cls):
-        if dataclasses.is_dataclass(kind):
+    for item, kind in _fields(cls):  # type: ignore[arg-type]
+        if hasattr(kind, "__dataclass_fields__"):
             group = f"{item.name}."
             inner = {name.removeprefix(group): value for name, value in values.items() if name.startswith(group)}
             arguments[item.name] = build(kind, inner)
