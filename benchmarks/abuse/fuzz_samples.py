@@ -11,9 +11,9 @@ from std_msgs.msg import Header, String
 
 from benchmarks.abuse.zoo_bags import mcap, ros1, ros2
 from benchmarks.room import motions
-from path_follower.routes.building import build_network
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import Curve
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve, TaughtDrive
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig

@@ -20,9 +20,9 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import build_network
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import Curve
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve, TaughtDrive
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry import Pinhole, Rig, Spherical

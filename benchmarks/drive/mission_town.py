@@ -22,10 +22,9 @@ from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import build_network
-from path_follower.routes.network import Network, Spot
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import Curve, Network, Spot
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve, TaughtDrive
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State, Status

@@ -24,10 +24,9 @@ from tqdm import tqdm
 
 from benchmarks.base import LENGTH, PATIENCE, Base, write_straight
 from benchmarks.report import Bound, Headline, Report, Table
-from path_follower.routes.building import build_network
-from path_follower.routes.network import Spot
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import Curve, Spot
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import Curve, TaughtDrive
 from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.processes import Processes

@@ -35,7 +35,8 @@ from path_follower.routes.constants import (
     TURN_SCALE,
 )
 from path_follower.routes.network import Indices, Network, RouteEdge
-from path_follower.smoothing import Curve, TaughtDrive
+from path_follower.smoothing import Curve
+from path_follower.smoothing import TaughtDrive as TaughtDrive
 from sphere_nav.geometry.arrays import Array
 
 HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there

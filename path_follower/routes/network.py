@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from path_follower.path import Pose2, between, turned_by
 from path_follower.routes.constants import MAX_NAME
-from path_follower.smoothing import Curve
+from path_follower.smoothing import Curve as Curve
 
 
 @dataclass(frozen=True, eq=False)

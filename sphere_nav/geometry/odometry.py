@@ -8,10 +8,13 @@ from math import inf
 from operator import itemgetter
 from typing import TypeVar
 
+import numpy as np
+
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
 
 MEMORY_NS = 10_000_000_000  # as tf2 keeps transforms; a stamp by more before the last is of a clock that was set back
+NO_TWIST = np.zeros(6)
 
 
 T = TypeVar("T")
@@ -39,36 +42,30 @@ class PoseBuffer(deque[tuple[int, SE3, T]]):
         return move_on(before, after, (stamp_ns - before_ns) / (after_ns - before_ns)), known
 
 
-class OdometryBuffer(PoseBuffer[Array | None]):
-    """Where something was in the last seconds, and its twist (6,), (v, omega) in its own axes, where that is told."""
+class OdometryBuffer(PoseBuffer[Array]):
+    """Where something was in the last seconds, and its twist (6,), (v, omega) in its own axes; zeros: not told."""
 
-    def add(self, stamp_ns: int, pose: SE3, twist: Array | None = None) -> bool:
+    def add(self, stamp_ns: int, pose: SE3, twist: Array = NO_TWIST) -> bool:
         """Keep a pose; return False for a stamp that does not grow.
 
         One far before the last is of a clock that was set back: what was kept is forgotten.
         """
-        if self and stamp_ns < self[-1][0] - MEMORY_NS:
-            self.clear()
         if self and stamp_ns <= self[-1][0]:
-            return False
+            if stamp_ns >= self[-1][0] - MEMORY_NS:
+                return False
+            self.clear()
         self.append((stamp_ns, pose, twist))
         while stamp_ns - self[0][0] > MEMORY_NS:
             self.popleft()
         return True
 
     def carry_on(self, stamp_ns: int, max_age_ns: int) -> SE3 | None:
-        """Return the pose at a stamp, for a short time before the first and after the last, too: by its twist.
-
-        Without one it goes on as it moved last.
-        """
+        """Return the pose at a stamp, for a short time before the first and after the last, too: by its twist."""
         if not self:
             return None
-        if (known := self.at(stamp_ns)) is not None:
+        known = self.at(stamp_ns)
+        if known is not None:
             return known[0]
         end_ns, pose, twist = self[0 if stamp_ns < self[0][0] else -1]
-        if abs(stamp_ns - end_ns) > max_age_ns:
-            return None
-        if twist is not None:
-            return pose @ SE3.exp(twist * (stamp_ns - end_ns) * 1e-9)
-        before_ns, before, _ = next((one for one in reversed(self) if end_ns - one[0] >= max_age_ns), self[0])
-        return move_on(before, pose, (stamp_ns - before_ns) / (end_ns - before_ns)) if before_ns < end_ns else None
+        elapsed_ns = stamp_ns - end_ns
+        return pose @ SE3.exp(twist * elapsed_ns * 1e-9) if abs(elapsed_ns) <= max_age_ns else None

@@ -109,7 +109,13 @@ class TransformTree:
 
     def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
         """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
-        return self._edges[child].history.carry_on(stamp, max_age_ns)
+        history = self._edges[child].history
+        if len(history) < 2 or stamp < history[0][0]:
+            return None
+        last_ns, last, _ = history[-1]
+        before_ns, before, _ = next((one for one in reversed(history) if last_ns - one[0] >= max_age_ns), history[0])
+        history[-1] = last_ns, last, (before.inverse() @ last).log() * 1e9 / (last_ns - before_ns)
+        return history.carry_on(stamp, max_age_ns)
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]

@@ -9,10 +9,9 @@ from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import CloseEdge, PlanRoute
 
 from path_follower.path import Pose2
-from path_follower.routes.building import build_network
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
-from path_follower.smoothing import TaughtDrive
 from path_follower.vehicle import Motion, drive
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_stamped

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from path_follower.routes.building import build_network
-from path_follower.smoothing import TaughtDrive
+from path_follower.routes.building import TaughtDrive, build_network
 from worlds.curves import even_curve
 
 FORK = [(15, 0), (4, 1 / 8), (8, -1 / 8), (4, 1 / 8), (45, 0)]

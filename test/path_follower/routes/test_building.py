@@ -8,8 +8,8 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
-from path_follower.routes.building import build_network
-from path_follower.smoothing import Curve, TaughtDrive
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import Curve
 from worlds.curves import even_curve
 
 LANE = 0.6

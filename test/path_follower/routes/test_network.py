@@ -10,9 +10,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.network import Network, RouteEdge, Spot
+from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.planning import plan, with_laps
-from path_follower.smoothing import Curve
 
 
 def test_a_pose_is_located_by_position_and_heading(fork):

@@ -111,6 +111,5 @@ def test_a_steady_motion_is_interpolated_and_carried_on_and_back_but_not_for_lon
         np.testing.assert_allclose(buffer.carry_on(stamp_ns, 100_000_000).matrix, pose(stamp_ns).matrix, atol=1e-12)
     for stamp_ns in [-81_000_000, 201_000_000]:
         assert buffer.carry_on(stamp_ns, 100_000_000) is None
-    assert not buffer.add(5 * step_ns, pose(0), twist)
     buffer.clear()
     assert buffer.carry_on(5 * step_ns, 100_000_000) is None

@@ -8,9 +8,8 @@ import pytest
 from matplotlib.pyplot import imread
 
 from path_follower.path import Pose2
-from path_follower.routes.network import Network, RouteEdge
+from path_follower.routes.network import Curve, Network, RouteEdge
 from path_follower.routes.network_file import read_network
-from path_follower.smoothing import Curve
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.routes import describe, find_spot
 
