@@ -222,6 +222,8 @@ class Mission:
     def pause(self, now: float) -> str:
         """Stand until `resume`."""
         refusal = self._refusal("pause", now)
+        if not refusal and self._pending is not None and self._pending[0].name == "start":
+            refusal = "path_follower is just being started: pause once more"
         if not refusal:
             self._interrupt("pause", now, "call resume")
         return refusal
