@@ -118,15 +118,10 @@ class SafetyMonitor:
     def judge_path(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
         """Return the first reason against motion from a place on a path at a speed: its map, the place, the way."""
         place = first_of(self.judge_map(path), self.judge_place(location))
-        return self.judge_way(path, location, speed) if place is FINE else place
-
-    def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
-        """Return whether something stands in the way: in the footprint swept until the vehicle could stop."""
-        if not len(self.points) or self.pose is None:
-            return FINE
-        distance = stopping_distance(speed, self.params)
-        count = points_in_way(self.points, self.pose, path, location, distance, self.params)
-        return blocked(count)
+        if place is not FINE or not len(self.points) or self.pose is None:
+            return place
+        distance = stopping_distance(speed, self.params)  # in the footprint swept until the vehicle could stop
+        return blocked(points_in_way(self.points, self.pose, path, location, distance, self.params))
 
     def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,9 +17,9 @@ from path_follower.constants import (
     MIN_LENGTH,
     MIN_TAUGHT,
 )
-from path_follower.params import FollowerParams, SpeedParams
+from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath, Segment, turned_by
-from path_follower.smoothing import Curve, smooth_curve
+from path_follower.smoothing import Curve, TaughtDrive, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
@@ -39,18 +40,26 @@ class Given(NamedTuple):
 
 def make_path(given: Given, params: FollowerParams) -> ReferencePath:
     """Make the trajectory; ValueError for what cannot be driven."""
+    return replace(_join(make_drives(given, params), params), map_id=given.map_id).at_cruise(params.speed.cruise)
+
+
+def make_drives(given: Given, params: FollowerParams) -> list[TaughtDrive]:
+    """Return smooth curves, one for each direction in turn; ValueError for what cannot be driven."""
     xy = given.points
     headings = _check(xy, given.yaw)
     speeds = np.full(len(xy), np.nan) if given.speed is None else np.abs(given.speed)
-    parts = _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]
-    pieces: list[tuple[Curve, int, Array]] = []
-    for first, last, direction in parts:
-        order = slice(first, last + 1)
-        curve = smooth_curve(_distinct(xy[order]), params.path)
+    drives = []
+    for first, last, direction in _split(xy, headings) if headings is not None else [(0, len(xy) - 1, 1)]:
+        own = slice(first, last + 1)
+        curve = smooth_curve(xy[own], params.path)
+        driven = arc_lengths(xy[own])
+        way = driven / max(driven[-1], 1e-9) * curve.length
         if headings is not None:
-            _check_heading(xy[order], headings[order], curve, direction)
-        pieces.append((curve, direction, _bound(xy[order], speeds[order], curve, params.speed)))
-    return replace(_join(pieces, params), map_id=given.map_id).at_cruise(params.speed.cruise)
+            _check_heading(headings[own], way, curve, direction)
+        if (known := np.isfinite(speeds[own])).any():
+            curve = replace(curve, speed=np.interp(curve.arc, way[known], speeds[own][known]))
+        drives.append(TaughtDrive(curve if direction > 0 else curve.turned(), direction))
+    return drives
 
 
 def taught_speeds(points: Array, stamps_ns: Integers) -> Array:
@@ -127,14 +136,8 @@ def _split(xy: Array, yaw: Array) -> list[tuple[int, int, int]]:
     return [(first, last, sign) for first, (last, sign) in zip(firsts, ends, strict=True)]
 
 
-def _distinct(xy: Array) -> Array:
-    keep = np.concatenate([[True], np.any(np.diff(xy, axis=0) != 0.0, axis=-1)])
-    return xy[keep]
-
-
-def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
-    nearest = np.searchsorted(curve.way, _share(xy) * curve.way[-1])
-    tangent = curve.tangent[nearest] + (np.pi if direction < 0 else 0.0)
+def _check_heading(yaw: Array, way: Array, curve: Curve, direction: int) -> None:
+    tangent = curve.yaw[np.searchsorted(curve.arc, way)] + (np.pi if direction < 0 else 0.0)
     off = turned_by(yaw, tangent)
     worst = int(np.argmax(off))
     if np.median(off) > MAX_SIDEWAYS:
@@ -142,40 +145,22 @@ def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
         raise ValueError(f"path: yaw: expected along the way, as a car drives, found {found}")
 
 
-def _share(xy: Array) -> Array:
-    way = arc_lengths(xy)
-    return way / max(way[-1], 1e-9)
-
-
-def _bound(xy: Array, speeds: Array, curve: Curve, driving: SpeedParams) -> Array:
-    """Return the largest speed (M,) at the points of the curve by the given speeds; infinite where unknown."""
-    if not driving.is_as_taught:
-        return np.full(len(curve.way), np.inf)
-    found = speeds_along(xy, speeds, curve.way)
-    return np.nan_to_num(np.maximum(found, MIN_TAUGHT), nan=np.inf)
-
-
-def speeds_along(xy: Array, speeds: Array, way: Array) -> Array:
-    """Return the speeds (M,) at ways (M,) m of the curve along points (N, 2) with speeds (N,); NaN without any."""
-    known = np.isfinite(speeds)
-    if not known.any():
-        return np.full(len(way), np.nan)
-    return np.interp(way, _share(xy)[known] * way[-1], speeds[known])
-
-
-def _join(pieces: list[tuple[Curve, int, Array]], params: FollowerParams) -> ReferencePath:
-    """Return the trajectory of curves with their directions and largest speeds (M,)."""
+def _join(drives: Sequence[TaughtDrive], params: FollowerParams) -> ReferencePath:
+    """Return the trajectory of drives one after the other."""
     vehicle = params.vehicle
     unhurried = replace(params.speed, cruise=vehicle.max_speed)
     segments: list[Segment] = []
     columns: list[tuple[Array, ...]] = []
     begin, start = 0, 0.0
-    for curve, direction, bound in pieces:
-        segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
-        limits = np.minimum(bound, speed_limits(curve.way, curve.bend, unhurried, vehicle))
-        speed = direction * speed_profile(curve.way, limits, vehicle)
-        yaw = curve.tangent + (np.pi if direction < 0 else 0.0)
-        columns.append((curve.x, curve.y, yaw, direction * curve.bend, start + curve.way, speed))
-        begin, start = begin + len(curve.way), start + float(curve.way[-1])
+    for drive in drives:
+        direction = drive.direction
+        (x, y, yaw, taught), bend = drive.curve.columns[:, ::direction], drive.curve.bend[::direction]
+        way = arc_lengths(np.column_stack([x, y]))
+        limits = speed_limits(way, bend, unhurried, vehicle)
+        if params.speed.is_as_taught:
+            limits = np.fmin(limits, np.maximum(taught, MIN_TAUGHT))
+        columns.append((x, y, yaw, bend, start + way, direction * speed_profile(way, limits, vehicle)))
+        segments.append(Segment(begin, begin + len(way) - 1, direction))
+        begin, start = begin + len(way), start + float(way[-1])
     x, y, yaw, bend, way, speed = (np.concatenate(column) for column in zip(*columns, strict=True))
     return ReferencePath(x, y, yaw, bend, way, speed, tuple(segments))

@@ -168,8 +168,7 @@ class Predictor:
 
     def remember(self, now_ns: int, command: Motion) -> None:
         """Take note of a command that was given."""
-        state = self._run(self.motion, self.history[-1][0], now_ns)[0] if self.history else STANDSTILL
-        self.history.append((now_ns, command, state))
+        self.history.append((now_ns, command, self._state_at(now_ns)))
         while len(self.history) > 2 and self.history[1][0] < now_ns - HISTORY_NS:
             self.history.popleft()
 
@@ -196,12 +195,14 @@ class Predictor:
         """Forget everything."""
         self.history.clear()
 
+    def _given(self, stamp_ns: int) -> tuple[int, Motion, Motion]:
+        """Return the last entry of the history at a time; before the first one the car stood."""
+        before = (entry for entry in reversed(self.history) if entry[0] <= stamp_ns)
+        return next(before, (stamp_ns, STANDSTILL, STANDSTILL))
+
     def _state_at(self, stamp_ns: int) -> Motion:
-        state, then = STANDSTILL, None
-        for then, _, state in reversed(self.history):
-            if then <= stamp_ns:
-                return self._run(state, then, stamp_ns)[0]
-        return state
+        then, _, state = self._given(stamp_ns)
+        return self._run(state, then, stamp_ns)[0]
 
     def _run(self, state: Motion, from_ns: int, to_ns: int, pose: Pose2 = ORIGIN) -> tuple[Motion, Pose2]:
         """Let the actuators follow the commands known, first-order lags after a dead time.
@@ -213,18 +214,12 @@ class Predictor:
         while now < to_ns:
             end = min(now + round(PREDICTION_STEP * 1e9), to_ns)
             seconds = (end - now) / 1e9
-            command = self._command_at(now - dead_ns)
+            _, command, _ = self._given(now - dead_ns)
             speed += (command.speed - speed) * _share(seconds, self.actuation.speed_lag)
             angle += (command.steering_angle - angle) * _share(seconds, self.actuation.steering_lag)
             pose = drive(pose, Motion(speed, angle), self.vehicle.virtual_wheelbase, seconds)
             now = end
         return Motion(speed, angle), pose
-
-    def _command_at(self, stamp_ns: int) -> Motion:
-        for given, command, _ in reversed(self.history):
-            if given <= stamp_ns:
-                return command
-        return STANDSTILL
 
 
 def _share(seconds: float, lag: float) -> float:

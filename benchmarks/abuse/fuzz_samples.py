@@ -12,7 +12,7 @@ from std_msgs.msg import Header, String
 from benchmarks.abuse.zoo_bags import mcap, ros1, ros2
 from benchmarks.room import motions
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve
+from path_follower.routes.network import Curve
 from path_follower.routes.network_file import write_network
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
@@ -88,7 +88,7 @@ class Samples:
         self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
         x = np.linspace(0.0, 6.0, 13)
         self.routes = folder / "routes.geojson"
-        network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
+        network = build_network([TaughtDrive(Curve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
         write_network(self.routes, network)
         self.spheres: dict[int, Sphere] = {}
         self.map = self._map()

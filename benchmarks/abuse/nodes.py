@@ -21,7 +21,7 @@ from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve
+from path_follower.routes.network import Curve
 from path_follower.routes.network_file import write_network
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
@@ -88,7 +88,7 @@ def rig_in(folder: Path) -> dict[str, Any]:
 def _routes_in(folder: Path) -> dict[str, Any]:
     if not (folder / "routes.geojson").exists():
         x = np.linspace(0.0, 20.0, 201)
-        write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+        write_network(folder / "routes.geojson", build_network([TaughtDrive(Curve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
     return {"network": str(folder / "routes.geojson")}
 
 

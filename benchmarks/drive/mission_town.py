@@ -23,7 +23,7 @@ from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve, Network, Spot
+from path_follower.routes.network import Curve, Network, Spot
 from path_follower.routes.network_file import write_network
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -229,7 +229,7 @@ def tour_network() -> Network:
     """Return the network of the tour as it was meant."""
     way = rounded_way(TOUR)
     x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
-    return named(build_network([TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city"))
+    return named(build_network([TaughtDrive(Curve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city"))
 
 
 def named(network: Network) -> Network:

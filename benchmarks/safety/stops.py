@@ -25,7 +25,7 @@ from tqdm import tqdm
 from benchmarks.base import LENGTH, PATIENCE, Base, write_straight
 from benchmarks.report import Bound, Headline, Report, Table
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve, Spot
+from path_follower.routes.network import Curve, Spot
 from path_follower.routes.network_file import write_network
 from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
@@ -63,7 +63,7 @@ def session(rule: str, count: int, draw: random.Random, folder: Path) -> list[tu
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
     folder.mkdir()
     x = np.arange(0.0, LENGTH, 0.1)
-    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))])
+    network = build_network([TaughtDrive(Curve(x, 0 * x, 0 * x, 0 * x + 1.4))])
     write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
     path = write_straight(folder)
     with Processes(folder) as nodes:

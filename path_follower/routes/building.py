@@ -10,7 +10,7 @@ links branch, or are driven in other directions, edges begin and end.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -34,18 +34,12 @@ from path_follower.routes.constants import (
     STUB,
     TURN_SCALE,
 )
-from path_follower.routes.network import EdgeCurve, Indices, Network, RouteEdge
+from path_follower.routes.network import Indices, Network, RouteEdge
+from path_follower.smoothing import Curve
+from path_follower.smoothing import TaughtDrive as TaughtDrive
 from sphere_nav.geometry.arrays import Array
 
 HERE, OWN = -1, -2  # curves that a drive may be on: what it did before (the last of them), and none that was there
-
-
-@dataclass(frozen=True, eq=False)
-class TaughtDrive:
-    """A taught curve, driven forward (1) or backwards (-1)."""
-
-    curve: EdgeCurve
-    direction: int = 1
 
 
 @dataclass(frozen=True)
@@ -72,11 +66,12 @@ class _Place(NamedTuple):
 class _Strand:
     """A curve of the network before it is cut, and its points: its own but at ends that lie on another curve."""
 
-    curve: EdgeCurve
+    curve: Curve
     places: list[_Place]
 
 
 _Links = dict[tuple[_Place, _Place], set[int]]  # from a point to the next one: in which directions it was driven
+_Neighbours = dict[_Place, dict[_Place, bool]]  # of each point: whether they are ahead of it, or behind
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "") -> Network:
@@ -108,52 +103,44 @@ def _add_drive(strands: list[_Strand], links: _Links, drive: TaughtDrive) -> Non
             span = curve.between(first, last).length / (1.0 if begin is None or end is None else 2.0)
             for joint, here in ((begin, 0), (end, -1)):
                 if joint is not None:
-                    place = _settled(places, joint)
-                    other = strands[place.strand]
-                    strand.curve = _blended(strand.curve, here, other.curve, place.at, min(BLEND, span))
-                    strand.places[here] = other.places[place.at]
-    for point in range(kept.start, kept.stop):
-        place = places[point] = _settled(places, places[point])
-        speed = strands[place.strand].curve.speed
-        speed[place.at] = np.fmax(speed[place.at], curve.speed[point])
-    for left, met in pairwise(places[kept]):
-        for step in _steps(strands, left, met):
-            links.setdefault(step, set()).add(drive.direction)
+                    place = strand.places[here] = _settled(strands, places, joint)
+                    strand.curve = _blended(strand.curve, here, strands[place.strand].curve, place.at, min(BLEND, span))
+    near, own = _neighbours(strands), [_settled(strands, places, place) for place in places[kept]]
+    for place, speed in zip(own, curve.speed[kept], strict=True):
+        known = strands[place.strand].curve.speed
+        known[place.at] = np.fmax(known[place.at], speed)
+    for left, met in pairwise(own):
+        for a, b in pairwise(_way(near, left, met)):
+            links.setdefault((a, b) if near[a][b] else (b, a), set()).add(drive.direction)
 
 
-def _settled(places: Sequence[_Place], place: _Place) -> _Place:
-    """Return a place on a curve of the network for one on what the drive itself did before."""
+def _settled(strands: Sequence[_Strand], places: Sequence[_Place], place: _Place) -> _Place:
+    """Return a place of the network for one on a curve, or on what the drive itself did before."""
     while place.strand == HERE:
         place = places[place.at]
-    return place
+    return strands[place.strand].places[place.at]
 
 
-def _steps(strands: Sequence[_Strand], left: _Place, met: _Place) -> list[tuple[_Place, _Place]]:
-    """Return the steps from one place to the next, along one curve or over the point that two have in common."""
-    ends = [(left, met)]
-    if left.strand != met.strand:
-        joint = _joint(strands, left, met)
-        ends = [] if joint is None else [(left, joint[0]), (joint[1], met)]
-    return [
-        step
-        for a, b in ends
-        for step in pairwise(strands[a.strand].places[min(a.at, b.at) : max(a.at, b.at) + 1])
-        if step[0] != step[1]
-    ]
+def _neighbours(strands: Sequence[_Strand]) -> _Neighbours:
+    near: _Neighbours = defaultdict(dict)
+    for left, met in (step for strand in strands for step in pairwise(strand.places)):
+        near[left][met], near[met][left] = True, False
+    return near
 
 
-def _joint(strands: Sequence[_Strand], left: _Place, met: _Place) -> tuple[_Place, _Place] | None:
-    """Return where one curve ends on another, or this begins on it, as places on both; of two the nearer, else None."""
-    ours, theirs = strands[left.strand].places, strands[met.strand].places
-    found = [(len(ours) - 1, theirs.index(ours[-1]))] if ours[-1] in theirs else []
-    found += [(ours.index(theirs[0]), 0)] if theirs[0] in ours else []
-    joints = [(_Place(left.strand, end), _Place(met.strand, begin)) for end, begin in found]
-    apart = {max(abs(a.at - left.at), abs(b.at - met.at)): (a, b) for a, b in joints if a != b}
-    return apart[min(apart)] if apart else None
+def _way(near: _Neighbours, left: _Place, met: _Place) -> list[_Place]:
+    """Return the places from one to another one, the shortest way, ahead or back; none where there is none nearby."""
+    ways, seen = deque([[left]]), {left}
+    while ways and len(way := ways.popleft()) < 2.0 * (BLEND + 2.0) / SPACING:
+        if way[-1] == met:
+            return way
+        ways += [[*way, place] for place in near[way[-1]] if place not in seen]
+        seen.update(near[way[-1]])
+    return []
 
 
 # --- alongside
-def _alongside(strands: Sequence[_Strand], curve: EdgeCurve) -> tuple[Indices, Indices]:
+def _alongside(strands: Sequence[_Strand], curve: Curve) -> tuple[Indices, Indices]:
     """Return on which curve each point of a drive lies, and where; the one that is followed counts while it is near."""
     curves = [*(strand.curve for strand in strands), curve]
     off, near = map(np.array, zip(*(_near(there, curve) for there in curves), strict=True))
@@ -170,7 +157,7 @@ def _alongside(strands: Sequence[_Strand], curve: EdgeCurve) -> tuple[Indices, I
     return on, at
 
 
-def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
+def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
     at = np.arange(last, min(last + round(1.0 / SPACING), len(there)), dtype=np.intp)
     best = at[np.argmin(np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point]))]
@@ -178,7 +165,7 @@ def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     return int(_on_lane(there, curve, best, point)[1]) if is_past else -1
 
 
-def _near(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
+def _near(there: Curve, curve: Curve) -> tuple[Array, Indices]:
     """Return the distance of each point of a drive from a curve, and the index there, -1: not on its lane.
 
     Of the drive itself only what is PAST m behind counts.
@@ -194,7 +181,7 @@ def _near(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     return off, at
 
 
-def _features(curve: EdgeCurve) -> Array:
+def _features(curve: Curve) -> Array:
     turned = (TURN_SCALE * np.cos(curve.yaw), TURN_SCALE * np.sin(curve.yaw))
     return np.stack([curve.x, curve.y, *turned], axis=-1)
 
@@ -206,13 +193,13 @@ def _nearest(known: Array, features: Array) -> Indices:
     return np.minimum(at, len(known) - 1)
 
 
-def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
+def _on_lane(there: Curve, curve: Curve, at: Indices, points: Indices | int) -> tuple[Array, Indices]:
     off, turned = _apart(there, curve, at, points)
     is_near = (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
 
 
-def _apart(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
+def _apart(there: Curve, curve: Curve, at: Indices, points: Indices | int) -> tuple[Array, Array]:
     """Return m and rad between points of two curves."""
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     return off, turned_by(there.yaw[at], curve.yaw[points])
@@ -247,12 +234,14 @@ def _tidy(on: Indices, at: Indices) -> list[_Run]:
 
 def _with_changes(strands: Sequence[_Strand], at: Indices, runs: list[_Run]) -> list[_Run]:
     """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
-    half = round(MIN_SHARED / SPACING)
+    half, near = round(MIN_SHARED / SPACING), _neighbours(strands)
     result = runs[:1]
     for run in runs[1:]:
         last = result[-1]
-        ends = _Place(last.on, int(at[last.last])), _Place(run.on, int(at[run.first]))
-        if OWN not in (last.on, run.on) and not _are_connected(strands, *ends):
+        ends = [(last.on, int(at[last.last])), (run.on, int(at[run.first]))]
+        is_known = min(last.on, run.on) >= 0  # else on a curve of its own, or on what it did before
+        is_joined = is_known and _way(near, *(strands[on].places[point] for on, point in ends))
+        if OWN not in (last.on, run.on) and not is_joined:
             left, met = max(last.first, last.last - half), min(run.last, run.first + half)
             result[-1] = replace(last, last=left)
             result.append(_Run(OWN, left + 1, met - 1))
@@ -261,16 +250,9 @@ def _with_changes(strands: Sequence[_Strand], at: Indices, runs: list[_Run]) -> 
     return result
 
 
-def _are_connected(strands: Sequence[_Strand], left: _Place, met: _Place) -> bool:
-    """Whether the curve that is left ends on that which is met, or this begins on it, about where they change over."""
-    joint = None if HERE in (left.strand, met.strand) else _joint(strands, left, met)
-    near = (BLEND + 2.0) / SPACING
-    return joint is not None and abs(joint[0].at - left.at) <= near and abs(joint[1].at - met.at) <= near
-
-
 # --- branches
 def _branch(
-    strands: Sequence[_Strand], curve: EdgeCurve, at: Indices, runs: Sequence[_Run], index: int, side: int
+    strands: Sequence[_Strand], curve: Curve, at: Indices, runs: Sequence[_Run], index: int, side: int
 ) -> tuple[int, _Place | None]:
     """Return where a run of its own begins (-1) or ends (1): on the drive, and on the curve there; None: on none."""
     run, near = runs[index], index + side
@@ -289,14 +271,14 @@ def _branch(
     return int(best), _Place(other.on, end)
 
 
-def _most_alike(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> Indices:
+def _most_alike(there: Curve, curve: Curve, at: Indices, points: Indices) -> Indices:
     """Return those of the points of a drive that are most alike, in pose and curvature, to points of a curve."""
     off, turned = _apart(there, curve, at, points)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
     return points[cost <= cost.min() + ALIKE]
 
 
-def _blended(curve: EdgeCurve, here: int, other: EdgeCurve, at: int, span: float) -> EdgeCurve:
+def _blended(curve: Curve, here: int, other: Curve, at: int, span: float) -> Curve:
     """Return a curve that begins (`here` is 0) or ends (-1) with the pose and curvature of a point of another one.
 
     The offset from what was driven fades out over `span` m by the polynomial of fifth degree that has it, its slope and
@@ -315,7 +297,7 @@ def _blended(curve: EdgeCurve, here: int, other: EdgeCurve, at: int, span: float
     turned = np.arctan2(np.gradient(y), np.gradient(x))
     turned[here] = target.yaw
     turned = np.where(way < span, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
-    return EdgeCurve(x, y, np.unwrap(turned), curve.speed)
+    return Curve(x, y, np.unwrap(turned), curve.speed)
 
 
 def _fade(u: Array, value: float, slope: float, bend: float) -> Array:
@@ -355,7 +337,7 @@ def _cut(strands: Sequence[_Strand], links: _Links, map_id: str) -> Network:
     for number, chain in enumerate(chains, len(names) + 1):
         x, y, yaw, speed = np.stack([columns[place.strand][:, place.at] for place in chain], axis=1)
         ways = links[chain[0], chain[1]]
-        curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
+        curve = Curve(x, y, np.unwrap(yaw), speed)
         edges[number] = RouteEdge(number, names[chain[0]], names[chain[-1]], curve, 1 in ways, -1 in ways)
     nodes = {name: strands[place.strand].curve.point(place.at) for place, name in names.items()}
     return Network(nodes, edges, {"home": names[home]}, map_id)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_given
-from path_follower.routes.building import TaughtDrive
-from path_follower.routes.network import EdgeCurve
-from path_follower.taught import Given, make_path, speeds_along
+from path_follower.smoothing import TaughtDrive
+from path_follower.taught import make_drives
 from sphere_nav.geometry.files.untrusted import told_at
 
 
@@ -21,12 +19,6 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
     """
     given = read_given(file)
     with told_at(file):
-        path = make_path(Given(*given[:3]), params)
-    taught = np.full(len(given.points), np.nan) if given.speed is None else given.speed
-    speed = speeds_along(given.points, taught, path.arc_length)
-    columns, drives = np.stack([path.x, path.y, path.yaw, speed]), []
-    for part in path.segments:
-        x, y, yaw, own = columns[:, part.first : part.last + 1][:, :: part.direction]
-        for direction in (part.direction, -part.direction) if is_reversible else (part.direction,):
-            drives.append(TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), own), direction))
-    return drives, given.map_id
+        taught = make_drives(given, params)
+    directions = (1, -1) if is_reversible else (1,)
+    return [replace(one, direction=sign * one.direction) for one in taught for sign in directions], given.map_id

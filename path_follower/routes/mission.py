@@ -66,10 +66,9 @@ TABLE: dict[str, dict[MissionState, MissionState]] = {
     "cancel": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, PAUSED, HELD), STOPPING),
     "pause": dict.fromkeys((WAITING, STARTING, DRIVING), PAUSED),
     "resume": dict.fromkeys((PAUSED, HELD), STOPPING),
-    "resume of a pause": dict.fromkeys((PAUSED, HELD), STARTING),
     "edge closed": dict.fromkeys((STARTING, DRIVING), STOPPING),
-    "follower started": dict.fromkeys((WAITING, STARTING, PAUSED, HELD), DRIVING),
-    "follower paused": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING, HELD), PAUSED),
+    "start answered": dict.fromkeys((WAITING, STARTING), DRIVING),
+    "follower started": dict.fromkeys((PAUSED, HELD), DRIVING),
     "permission ended": dict.fromkeys((WAITING, STARTING, DRIVING, STOPPING), HELD),
     "no answer": dict.fromkeys((WAITING, STARTING, DRIVING), HELD),
 }
@@ -86,7 +85,7 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What the follower is asked for: load, clear, start, stop, pause or resume; under which permission; a path."""
+    """What the follower is asked for: load, clear, start or stop; under which permission; a path."""
 
     name: str
     permission: int
@@ -144,7 +143,7 @@ class Mission:
     def _go(self, state: MissionState, now: float, reason: str = "") -> None:
         self.state, self.reason, self._since = state, reason, now
         self._steady_since, self._asked_at = math.inf, -math.inf
-        self._is_paused = False
+        self._is_stopped = False
 
     def _interrupt(self, event: str, now: float, reason: str = "") -> None:
         if self.state in TABLE[event]:
@@ -191,10 +190,10 @@ class Mission:
             self._conclude(False, self._ending, now)
         elif request.name == "load":
             self._loaded = request.route
-        elif request.name == "pause":
-            self._is_paused = True
-        elif request.name in ("start", "resume"):
-            self._interrupt("follower started", now)
+        elif request.name == "stop":
+            self._is_stopped = True
+        elif request.name == "start":
+            self._interrupt("start answered", now)
 
     # --- what an operator asks for; every answer is one line, empty where it is done
     def check(self, goal: Goal, now: float) -> None:
@@ -223,7 +222,7 @@ class Mission:
     def pause(self, now: float) -> str:
         """Stand until `resume`."""
         refusal = self._refusal("pause", now)
-        if not refusal and self._pending is not None and self._pending[0].name in ("start", "resume"):
+        if not refusal and self._pending is not None and self._pending[0].name == "start":
             refusal = "path_follower is just being started: pause once more"
         if not refusal:
             self._interrupt("pause", now, "call resume")
@@ -234,7 +233,7 @@ class Mission:
         refusal = self._refusal("resume", now)
         if not refusal:
             self._permit()
-            self._interrupt("resume of a pause" if self.view.state == FollowerState.PAUSED else "resume", now)
+            self._interrupt("resume", now)
         return refusal
 
     def _refusal(self, event: str, now: float) -> str:
@@ -277,31 +276,25 @@ class Mission:
         self._pending, self._asked_at = (Request(name, self.permission, route, points), now), now
 
     def _unanswered(self, now: float) -> None:
-        """Give a request up: to stop or to pause is asked for again, all else waits for somebody."""
+        """Give a request up: to stop is asked for again, all else waits for somebody."""
         self._pending = None
         self.reason = "path_follower does not answer: see that it runs"
         self._interrupt("no answer", now, f"{self.reason}, then call resume")
 
     def _watch_permission(self, now: float) -> None:
-        """Hold the mission where its permission has ended; how, the follower says."""
+        """Hold the mission where its permission has ended; why, the follower says."""
         view = self.view
         if view.permission <= self.permission or self._ending is not None:
             return
-        if view.state == FollowerState.PAUSED:
-            self._interrupt("follower paused", now, "path_follower was paused: call resume")
-        else:
-            why = f"{view.reason}: {view.remedy}" if view.reason else WITHDRAWN
-            self._interrupt("permission ended", now, _to_resume(why))
+        why = f"{view.reason}: {view.remedy}" if view.reason else WITHDRAWN
+        self._interrupt("permission ended", now, _to_resume(why))
 
     def _hold(self, now: float) -> None:
-        """Stand; where somebody has started or paused the follower on this way since, the mission goes with that."""
-        if self.view.permission < self.permission or self._way_on(self.route) is None:
-            return
-        if self.view.state in ON_THE_MOVE:
+        """Stand; where somebody has started the follower on this way since, the mission goes with that."""
+        is_of_now = self.view.permission >= self.permission and self._way_on(self.route) is not None
+        if is_of_now and self.view.state in ON_THE_MOVE:
             self._permit()
             self._interrupt("follower started", now)
-        elif self.view.state == FollowerState.PAUSED:
-            self._interrupt("follower paused", now, self.reason)
 
     def _wait(self, now: float) -> None:
         """Wait until nothing is lacking, or until what is in the way has gone; then plan."""
@@ -341,7 +334,7 @@ class Mission:
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
     def _start(self, now: float) -> None:
-        self._ask("resume" if self.view.state == FollowerState.PAUSED else "start", now)
+        self._ask("start", now)
 
     def _drive(self, now: float) -> None:
         view, is_new = self.view, now - self._since <= MAX_SILENCE
@@ -417,12 +410,11 @@ class Mission:
         self._obstacle = None
 
     def _stand(self, now: float) -> None:
-        """Have the follower paused; who starts it after that has asked for the mission to go on."""
-        self._is_paused = self._is_paused or self.view.state == FollowerState.PAUSED
-        if self._is_paused:
+        """Have the follower stopped; who starts it after that has asked for the mission to go on."""
+        if self._is_stopped:
             self._hold(now)
         elif now >= self._asked_at + LATE:
-            self._ask("pause", now)
+            self._ask("stop", now)
 
     def _arrive(self, now: float) -> None:
         self.progress = self.route.length
@@ -437,11 +429,7 @@ class Mission:
         why = failure.partition(":")[0]
         if request.name == "clear" and self._ending is not None:
             self._conclude(False, f"{self._ending}; {failure}", now)
-        elif self.state is PAUSED:
-            self._is_paused = request.name == "pause" and (failure == WITHDRAWN or failure.startswith("nothing"))
-        elif request.name == "resume":
-            self._go(PAUSED, now, failure)
-        elif self._ending is not None:
+        elif self._ending is not None or self.state is PAUSED:
             self.reason = failure
         elif request.name == "start" and (why in RETRIED or "no such service" in failure):
             self._note_obstacle(why, now)

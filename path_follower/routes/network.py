@@ -5,65 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from path_follower.path import Pose2, between, turned_by
 from path_follower.routes.constants import MAX_NAME
-from sphere_nav.geometry.arrays import Array, arc_lengths
-
-
-@dataclass(frozen=True, eq=False)
-class EdgeCurve:
-    """Points (N,), N >= 2, in the order in which the vehicle heads: m, m, rad unwrapped, m/s (NaN: unknown)."""
-
-    x: Array
-    y: Array
-    yaw: Array
-    speed: Array
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    @cached_property
-    def arc(self) -> Array:
-        """Arc length (N,) from the first point, in m."""
-        return arc_lengths(np.column_stack([self.x, self.y]))
-
-    @property
-    def columns(self) -> Array:
-        """Its points as x, y, yaw, speed (4, N)."""
-        return np.stack([self.x, self.y, self.yaw, self.speed])
-
-    @property
-    def length(self) -> float:
-        """Arc length of the last point, in m."""
-        return float(self.arc[-1])
-
-    @property
-    def bend(self) -> Array:
-        """Curvature (N,) in 1/m, positive to the left."""
-        return np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
-
-    def pose(self, s: float) -> Pose2:
-        """Return the pose at an arc length."""
-        return Pose2(*(float(np.interp(s, self.arc, values)) for values in (self.x, self.y, self.yaw)))
-
-    def point(self, at: int) -> Pose2:
-        """Return one of its points."""
-        return Pose2(float(self.x[at]), float(self.y[at]), float(self.yaw[at]))
-
-    def part(self, first: float, last: float) -> EdgeCurve:
-        """Return the curve between two arc lengths, with points there; first <= last."""
-        inside = (self.arc > first + 1e-6) & (self.arc < last - 1e-6)
-        s = np.concatenate([[first], self.arc[inside], [last]])
-        return EdgeCurve(*(np.interp(s, self.arc, values) for values in self.columns))
-
-    def between(self, first: int, last: int) -> EdgeCurve:
-        """Return a copy of the curve from one of its points to another one."""
-        return EdgeCurve(*self.columns[:, first : last + 1].copy())
+from path_follower.smoothing import Curve as Curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +21,7 @@ class RouteEdge:
     id: int
     start: int
     end: int
-    curve: EdgeCurve
+    curve: Curve
     is_forward: bool = True  # may be driven from its start to its end
     is_reverse: bool = False  # may be driven backwards from its end to its start
 

@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ import numpy as np
 from path_follower.path import Pose2, between
 from path_follower.path_files import COLUMNS
 from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge
+from path_follower.routes.network import Network, RouteEdge
+from path_follower.smoothing import Curve
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, numbers, read_as, read_text, required, short
@@ -49,13 +51,11 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
 def to_geojson(network: Network, *, is_dense: bool = True) -> str:
     """Return the text of the file; without the dense curves a quarter as long, to be shown."""
-    reach = max([*network.nodes, *network.edges], default=0)
-    twins = [edge for edge in network.edges.values() if edge.is_reverse and edge.is_forward]
+    twin_ids = count(max([*network.nodes, *network.edges], default=0) + 1)
     features = [_node_feature(network, *node) for node in network.nodes.items()]
-    features += [_edge_feature(edge) for edge in network.edges.values()]
-    for feature in features if not is_dense else ():
-        feature["properties"].pop("curve", None)
-    features += [_twin_feature(edge, number) for number, edge in enumerate(twins, reach + 1)]
+    features += [_edge_feature(edge, is_dense=is_dense) for edge in network.edges.values()]
+    both = (edge for edge in network.edges.values() if edge.is_reverse and edge.is_forward)
+    features += [_edge_feature(edge, next(twin_ids)) for edge in both]
     head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": _FRAME}
     whole = {"type": "FeatureCollection", "name": "graph", "network": head, "features": features}
     return json.dumps(whole, allow_nan=False)
@@ -69,27 +69,23 @@ def _node_feature(network: Network, node: int, pose: Pose2) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _edge_feature(edge: RouteEdge) -> dict[str, Any]:
-    c = edge.curve
-    known = c.speed[np.isfinite(c.speed)]
+def _edge_feature(edge: RouteEdge, twin_id: int | None = None, *, is_dense: bool = False) -> dict[str, Any]:
+    """Return an edge as it is driven, or its twin with a number of its own: as it is driven backwards."""
+    is_driven_forward = edge.is_forward and twin_id is None
+    known = edge.curve.speed[np.isfinite(edge.curve.speed)]
     metadata: dict[str, Any] = {"length": round(edge.length, 3)}
     metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
     metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
-    curve = {name: _column(values) for name, values in zip(COLUMNS, c.columns, strict=True)}
-    start, end = edge.ends(1 if edge.is_forward else -1)
-    properties: dict[str, Any] = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
-    properties |= {"overridable": True, "metadata": metadata, "curve": curve}
-    points: list[list[Any]] = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
-    geometry = {"type": "MultiLineString", "coordinates": [[*points, [curve["x"][-1], curve["y"][-1]]]]}
+    start, end = edge.ends(1 if is_driven_forward else -1)
+    properties: dict[str, Any] = {"id": edge.id if twin_id is None else twin_id, "startid": start, "endid": end}
+    properties |= {"cost": round(edge.seconds(2.0), 3), "overridable": True, "metadata": metadata}
+    curve = {name: _column(values) for name, values in zip(COLUMNS, edge.curve.columns, strict=True)}
+    properties |= {"curve": curve} if is_dense else {}
+    properties |= {} if twin_id is None else {"twin_of": edge.id}
+    points = list(zip(curve["x"], curve["y"], strict=True))
+    shown = [*points[:-1:5], points[-1]]
+    geometry = {"type": "MultiLineString", "coordinates": [shown if twin_id is None else shown[::-1]]}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
-
-
-def _twin_feature(edge: RouteEdge, number: int) -> dict[str, Any]:
-    feature = _edge_feature(edge)
-    feature["geometry"]["coordinates"][0].reverse()
-    feature["properties"].pop("curve")
-    feature["properties"] |= {"id": number, "startid": edge.end, "endid": edge.start, "twin_of": edge.id}
-    return feature
 
 
 def _column(values: Array) -> list[float | None]:
@@ -180,7 +176,7 @@ def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
         raise ValueError(f"{at}.curve: expected points at most {MAX_CURVE_GAP} m apart, found {gap:.3g} m")
     told = edge.metadata
     start, end = (edge.startid, edge.endid) if told.forward else (edge.endid, edge.startid)
-    return RouteEdge(key, start, end, EdgeCurve(x, y, yaw, speed), told.forward, told.reverse)
+    return RouteEdge(key, start, end, Curve(x, y, yaw, speed), told.forward, told.reverse)
 
 
 def _check_ends(network: Network, where: str) -> None:

@@ -8,11 +8,13 @@ from math import inf
 from operator import itemgetter
 from typing import TypeVar
 
+import numpy as np
+
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
 
-MEMORY = 200  # messages; 2 s at 100 Hz
-SET_BACK_NS = 10_000_000_000  # by which a stamp before the last one is of a clock that was set back
+MEMORY_NS = 10_000_000_000  # as tf2 keeps transforms; a stamp by more before the last is of a clock that was set back
+NO_TWIST = np.zeros(6)
 
 
 T = TypeVar("T")
@@ -40,39 +42,30 @@ class PoseBuffer(deque[tuple[int, SE3, T]]):
         return move_on(before, after, (stamp_ns - before_ns) / (after_ns - before_ns)), known
 
 
-class OdometryBuffer:
-    """The latest poses of the base in the odometry frame."""
+class OdometryBuffer(PoseBuffer[Array]):
+    """Where something was in the last seconds, and its twist (6,), (v, omega) in its own axes; zeros: not told."""
 
-    def __init__(self, max_age_s: float) -> None:
-        self._max_age_s = max_age_s
-        self._poses = PoseBuffer[Array](maxlen=MEMORY)
-
-    def __len__(self) -> int:
-        return len(self._poses)
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._poses.clear()
-
-    def add(self, stamp_ns: int, T_odom_base: SE3, twist: Array) -> None:
-        """Keep a pose and its twist (6,), (v, omega) in base axes; ValueError for a stamp that does not grow.
+    def add(self, stamp_ns: int, pose: SE3, twist: Array = NO_TWIST) -> bool:
+        """Keep a pose; return False for a stamp that does not grow.
 
         One far before the last is of a clock that was set back: what was kept is forgotten.
         """
-        if self._poses and stamp_ns < self._poses[-1][0] - SET_BACK_NS:
+        if self and stamp_ns <= self[-1][0]:
+            if stamp_ns >= self[-1][0] - MEMORY_NS:
+                return False
             self.clear()
-        if self._poses and stamp_ns <= self._poses[-1][0]:
-            last = self._poses[-1][0]
-            raise ValueError(f"odometry stamp: expected later than {last * 1e-9:.3f} s, found {stamp_ns * 1e-9:.3f} s")
-        self._poses.append((stamp_ns, T_odom_base, twist))
+        self.append((stamp_ns, pose, twist))
+        while stamp_ns - self[0][0] > MEMORY_NS:
+            self.popleft()
+        return True
 
-    def at(self, stamp_ns: int) -> SE3 | None:
-        """Return T_odom_base at a stamp; None too long before the first message or after the last."""
-        if not self._poses:
+    def carry_on(self, stamp_ns: int, max_age_ns: int) -> SE3 | None:
+        """Return the pose at a stamp, for a short time before the first and after the last, too: by its twist."""
+        if not self:
             return None
-        known = self._poses.at(stamp_ns)
+        known = self.at(stamp_ns)
         if known is not None:
             return known[0]
-        end_ns, T_odom_base, twist = self._poses[0 if stamp_ns < self._poses[0][0] else -1]
-        elapsed_s = (stamp_ns - end_ns) * 1e-9
-        return T_odom_base @ SE3.exp(twist * elapsed_s) if abs(elapsed_s) <= self._max_age_s else None
+        end_ns, pose, twist = self[0 if stamp_ns < self[0][0] else -1]
+        elapsed_ns = stamp_ns - end_ns
+        return pose @ SE3.exp(twist * elapsed_ns * 1e-9) if abs(elapsed_ns) <= max_age_ns else None

@@ -11,7 +11,7 @@ import difflib
 import functools
 import math
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
 from sphere_nav.params.homes import at_home
@@ -50,8 +50,9 @@ def parameters(cls: type[C]) -> type[C]:
     """Class decorator: a frozen, keyword-only dataclass that refuses values outside their range."""
 
     def check_fields(self: Any) -> None:
-        for leaf in _own_leaves(type(self)):
-            leaf.check(getattr(self, leaf.name))
+        for leaf in leaves(type(self)):
+            if hasattr(self, leaf.name):  # those of groups have checked themselves
+                leaf.check(getattr(self, leaf.name))
 
     cls.__post_init__ = check_fields  # type: ignore[attr-defined]
     return dataclasses.dataclass(frozen=True, kw_only=True)(cls)
@@ -101,15 +102,15 @@ class Leaf:
         return f"{self.doc} [{'; '.join(details)}]" if details else self.doc
 
 
-def leaves(cls: type) -> Iterator[Leaf]:
-    """Yield every value of a parameters class, nested groups included, in order of declaration."""
-    own, hints = {leaf.name: leaf for leaf in _own_leaves(cls)}, _hints(cls)
-    for item in dataclasses.fields(cls):
-        if item.name in own:
-            yield own[item.name]
-        elif dataclasses.is_dataclass(hints[item.name]):
-            for leaf in leaves(hints[item.name]):
-                yield dataclasses.replace(leaf, name=f"{item.name}.{leaf.name}")
+def leaves(cls: Any) -> list[Leaf]:
+    """Return every value of a parameters class, nested groups included, in order of declaration."""
+    found: list[Leaf] = []
+    for item, kind in _fields(cls):
+        if hasattr(kind, "__dataclass_fields__"):
+            found += (dataclasses.replace(leaf, name=f"{item.name}.{leaf.name}") for leaf in leaves(kind))
+        elif kind in SCALARS:
+            found.append(Leaf(name=item.name, type=kind, default=item.default, **item.metadata))
+    return found
 
 
 def build(cls: type[C], values: Mapping[str, Any]) -> C:
@@ -119,7 +120,15 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
         if name not in known:
             raise ValueError(f"{name}: unknown parameter{meant(name, known)}")
         known[name].check(value)
-    return _construct(cls, values, "")
+    arguments: dict[str, Any] = {}
+    for item, kind in _fields(cls):  # type: ignore[arg-type]
+        if hasattr(kind, "__dataclass_fields__"):
+            group = f"{item.name}."
+            inner = {name.removeprefix(group): value for name, value in values.items() if name.startswith(group)}
+            arguments[item.name] = build(kind, inner)
+        elif item.name in values:
+            arguments[item.name] = _as_meant(item.name, kind(values[item.name]))
+    return cls(**arguments)
 
 
 def meant(name: str, known: Iterable[str]) -> str:
@@ -146,31 +155,12 @@ def to_mapping(instance: Any) -> dict[str, Any]:
 
 
 @functools.cache
-def _hints(cls: Any) -> dict[str, Any]:
-    """Return the types of the fields; resolving their words takes longer than all else here."""
-    return typing.get_type_hints(cls)
-
-
-def _own_leaves(cls: type) -> Iterator[Leaf]:
-    hints = _hints(cls)
-    for item in dataclasses.fields(cls):
-        kind = hints[item.name]
-        if kind in SCALARS:
-            yield Leaf(name=item.name, type=kind, default=item.default, **item.metadata)
+def _fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
+    """Return the fields with their types; resolving their words takes longer than all else here."""
+    hints = typing.get_type_hints(cls)
+    return [(item, hints[item.name]) for item in dataclasses.fields(cls)]
 
 
 def _as_meant(name: str, value: Any) -> Any:
     """Return a value with the home folder for `~/`; a frame without the leading slash of ROS 1."""
     return plain_frame(value) if name.endswith("frame") else at_home(value)
-
-
-def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
-    hints = _hints(cls)  # type: ignore[arg-type]
-    arguments: dict[str, Any] = {}
-    for item in dataclasses.fields(cls):  # type: ignore[arg-type]
-        name = prefix + item.name
-        if dataclasses.is_dataclass(hints[item.name]):
-            arguments[item.name] = _construct(hints[item.name], values, name + ".")
-        elif name in values:
-            arguments[item.name] = _as_meant(item.name, hints[item.name](values[name]))
-    return cls(**arguments)

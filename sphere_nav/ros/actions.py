@@ -56,31 +56,29 @@ def serve_action(
     """Return an action server whose goals are ended by `ActionGoal.finish`; `report` gets what a callback raised."""
     goals: WeakValueDictionary[bytes, ActionGoal] = WeakValueDictionary()  # the node keeps those under way
 
-    def accept(request: Any) -> GoalResponse:
+    def attempt(where: str, call: Callable[[], None]) -> Exception | None:
         try:
-            calls.check(plain_frames(request))
+            call()
         except Exception as error:
-            report(f"{name}: goal rejected", error)
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
+            report(f"{name}: {where}", error)
+            return error
+        return None
+
+    def accept(request: Any) -> GoalResponse:
+        error = attempt("goal rejected", lambda: calls.check(plain_frames(request)))
+        return GoalResponse.ACCEPT if error is None else GoalResponse.REJECT
 
     def begin(handle: ServerGoalHandle) -> None:
-        goal = ActionGoal(handle)
-        goals[bytes(handle.goal_id.uuid)] = goal
-        try:
-            calls.begin(goal)
-        except Exception as error:
-            report(f"{name}: goal aborted", error)
+        goal = goals[bytes(handle.goal_id.uuid)] = ActionGoal(handle)
+        error = attempt("goal aborted", lambda: calls.begin(goal))
+        if error is not None:
             result = kind.Result()
             if hasattr(result, "reason"):
                 result.reason = one_line(error)
             goal.finish(result, success=False)
 
     def cancel(handle: ServerGoalHandle) -> CancelResponse:
-        try:
-            calls.cancel(goals[bytes(handle.goal_id.uuid)])
-        except Exception as error:
-            report(f"{name}: cancel", error)
+        attempt("cancel", lambda: calls.cancel(goals[bytes(handle.goal_id.uuid)]))
         return CancelResponse.ACCEPT
 
     return ActionServer(

@@ -20,8 +20,7 @@ BACK_NS = 1_000_000_000  # stamps so far before the last instant, or before now,
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
 
 # Odometry and transforms (camera/test_odometry_input, test_tf, localizer/test_map_transform)
-MAX_ODOMETRY_AGE_S = 0.2  # for which odometry is carried on by its own speed
-TF_MEMORY_NS = 10_000_000_000  # as tf2 keeps transforms
+MAX_ODOMETRY_AGE_NS = 200_000_000  # for which odometry is carried on by its own speed
 PARENT_HOLD_NS = 1_000_000_000  # by which the stamps of a frame's parent must have ended before another takes over
 SAME_POSE = 1e-3  # m and rad: a frame that stands still and is told again may be off by so much
 AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need not wait for the next one

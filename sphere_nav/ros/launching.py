@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from typing import Any
 
 from launch import LaunchDescription  # type: ignore[attr-defined]  # the folder of that name lies beside
@@ -27,15 +28,14 @@ def launch_description(name: str) -> Any:
         for key, argument in composition.arguments.items()
     ]
 
-    def check(context: Any) -> None:
-        _check(composition, context)
-
     def start(context: Any) -> list[Any]:
         given = {key: LaunchConfiguration(key).perform(context) for key in composition.arguments}
         prefix = None if PREFIX in context.launch_configurations else _with_parent()
         return [_node(item, prefix) for item in composition.ready(given)]
 
-    return LaunchDescription([OpaqueFunction(function=check), *declared, OpaqueFunction(function=start)])
+    return LaunchDescription(
+        [OpaqueFunction(function=partial(_check, composition)), *declared, OpaqueFunction(function=start)]
+    )
 
 
 def _check(composition: Composition, context: Any) -> None:

@@ -11,9 +11,9 @@ from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.odometry import PoseBuffer, move_on
+from sphere_nav.geometry.odometry import MEMORY_NS, OdometryBuffer
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE, TF_MEMORY_NS
+from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE
 from sphere_nav.ros.conversions import stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import WARN, Endpoints
 
@@ -31,7 +31,7 @@ class _Edge:
 
     parent: str
     fixed: SE3 | None = None
-    history: PoseBuffer[None] = field(default_factory=PoseBuffer)
+    history: OdometryBuffer = field(default_factory=OdometryBuffer)
 
 
 class TransformTree:
@@ -60,7 +60,7 @@ class TransformTree:
         if is_static:
             held, edge.fixed = edge.fixed or T_parent_child, T_parent_child
             return line or _told_anew(f"transform {parent} -> {child}", held, T_parent_child)
-        _remember(edge.history, stamp, T_parent_child)
+        edge.history.add(stamp, T_parent_child)
         return line
 
     def _make_way(self, parent: str, child: str, stamp: int | None) -> str:
@@ -110,12 +110,12 @@ class TransformTree:
     def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
         """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
         history = self._edges[child].history
-        if len(history) < 2 or not history[0][0] <= stamp <= history[-1][0] + max_age_ns:
+        if len(history) < 2 or stamp < history[0][0]:
             return None
-        if stamp <= history[-1][0]:
-            return self._one(child, stamp)
-        before = next((entry for entry in reversed(history) if history[-1][0] - entry[0] >= max_age_ns), history[0])
-        return move_on(before[1], history[-1][1], (stamp - before[0]) / (history[-1][0] - before[0]))
+        last_ns, last, _ = history[-1]
+        before_ns, before, _ = next((one for one in reversed(history) if last_ns - one[0] >= max_age_ns), history[0])
+        history[-1] = last_ns, last, (before.inverse() @ last).log() * 1e9 / (last_ns - before_ns)
+        return history.carry_on(stamp, max_age_ns)
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]
@@ -158,16 +158,7 @@ def _gives_way(held: _Edge, stamp: int | None) -> bool:
     """Whether what is above a frame gives way to another edge: at a stamp in ns, or static (None)."""
     if stamp is None or held.fixed is not None:
         return stamp is None
-    return not held.history or not -TF_MEMORY_NS <= stamp - held.history[-1][0] <= PARENT_HOLD_NS
-
-
-def _remember(history: PoseBuffer[None], stamp: int, T_parent_child: SE3) -> None:
-    if history and history[-1][0] - stamp > TF_MEMORY_NS:
-        history.clear()
-    if not history or stamp > history[-1][0]:
-        history.append((stamp, T_parent_child, None))
-    while stamp - history[0][0] > TF_MEMORY_NS:
-        history.popleft()
+    return not held.history or not -MEMORY_NS <= stamp - held.history[-1][0] <= PARENT_HOLD_NS
 
 
 def _told_anew(name: str, held: SE3, told: SE3) -> str:

@@ -41,7 +41,6 @@ from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.agreement import Agreement
-from sphere_nav.geometry.odometry import OdometryBuffer
 from sphere_nav.localization import InputCheck
 from sphere_nav.localization.params import InputParams, NodeParams, StateParams
 from sphere_nav.localization.state_machine import StateMachine
@@ -115,7 +114,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                      "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
     "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
-    "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
     "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),
     "OdometryInput": (odometry_input, "reset", "endpoints tree base_frame topic"),
     "PosePrior": (lambda: PosePrior(PriorParams()), "reset", "params drift inter_frame"),  # drift: from each start on

@@ -214,6 +214,6 @@ def test_single_points_are_no_obstacle(kit):
     straight = kit.make_path([(0, 0), (40, 0)], PARAMS)
     watch, location = good_watch(), straight.begin_of(0)
     watch.see_scan(np.array([[2.0, 0.0], [math.nan, 1.0]]), 10 * SECOND)
-    assert watch.judge_way(straight, location, 1.0) is FINE
+    assert watch.judge_path(straight, location, 1.0) is FINE
     watch.see_scan(np.array([[2.0, 0.0], [2.0, 0.1]]), 10 * SECOND)
-    assert watch.judge_way(straight, location, 1.0).reason is StopReason.OBSTACLE
+    assert watch.judge_path(straight, location, 1.0).reason is StopReason.OBSTACLE

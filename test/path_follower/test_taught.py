@@ -103,8 +103,8 @@ def test_a_circle_keeps_its_radius():
             np.testing.assert_allclose(curve.bend[inner], 1 / radius, rtol=0.01)
             # Averages over the 0.2 m of a bin lie inside by 0.2^2 / 24 / radius at most.
             np.testing.assert_allclose(np.hypot(curve.x, curve.y - radius), radius, atol=0.003)
-            assert np.ptp(np.diff(curve.way)) < 0.02 * SPACING
-            assert np.diff(curve.way).mean() == pytest.approx(0.1, rel=0.02)
+            assert np.ptp(np.diff(curve.arc)) < 0.02 * SPACING
+            assert np.diff(curve.arc).mean() == pytest.approx(0.1, rel=0.02)
 
 
 def test_noise_of_two_centimeters_does_not_reach_the_curvature():
@@ -113,14 +113,14 @@ def test_noise_of_two_centimeters_does_not_reach_the_curvature():
     curve = smooth_curve(noisy, SMOOTHING)
     assert np.sqrt(np.mean(curve.y**2)) < 0.01
     assert np.sqrt(np.mean(curve.bend[10:-10] ** 2)) < 0.03  # a wheel moved by two degrees
-    assert curve.way[-1] == pytest.approx(30.0, abs=0.1)  # zigzags would lengthen it
+    assert curve.arc[-1] == pytest.approx(30.0, abs=0.1)  # zigzags would lengthen it
 
 
 def test_a_wave_of_the_smoothing_length_is_halved():
     for wavelength, gain in [(2.0, 0.5), (20.0, 1.0), (0.75, 0.0)]:
         x = np.linspace(0, 60, 285, endpoint=False)  # wide enough not to be averaged
         curve = smooth_curve(np.stack([x, 1e-2 * np.sin(2 * np.pi * x / wavelength)], axis=-1), SMOOTHING)
-        inner = (curve.way > 10) & (curve.way < 50)
+        inner = (curve.arc > 10) & (curve.arc < 50)
         found = np.sqrt(2) * np.std(curve.y[inner]) / 1e-2
         assert found == pytest.approx(gain, abs=0.03)
 

@@ -9,7 +9,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.odometry import OdometryBuffer
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import check_stamp
-from sphere_nav.ros.constants import MAX_ODOMETRY_AGE_S
+from sphere_nav.ros.constants import MAX_ODOMETRY_AGE_NS
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformError, TransformTree
 
@@ -37,7 +37,7 @@ class OdometryInput:
     ) -> None:
         """`tree` is asked where no topic `odom` is heard; it must not know the map."""
         self._endpoints, self._tree, self._base_frame = endpoints, tree, base_frame
-        self._buffer, self._topic_frame = OdometryBuffer(MAX_ODOMETRY_AGE_S), ""
+        self._buffer, self._topic_frame = OdometryBuffer(), ""
         self._topic = endpoints.add_subscription("odom", Odometry, self._on_odometry, profile, is_required=False)
 
     def clear(self) -> None:
@@ -68,14 +68,14 @@ class OdometryInput:
     def at(self, stamp_ns: int) -> SE3 | None:
         """Return T_odom_base by the topic, with all that has come of it."""
         self._endpoints.take_waiting(self._topic)
-        return self._buffer.at(stamp_ns)
+        return self._buffer.carry_on(stamp_ns, MAX_ODOMETRY_AGE_NS)
 
     def predict(self, stamp_ns: int) -> SE3 | None:
         """Return T_odom_base by the topic; where that is silent by what moves above the base on /tf."""
         edge = odometry_edge(self._tree, self._base_frame)
         if self._topic_frame or edge is None:
             return self.at(stamp_ns)
-        T_odom_child = self._tree.carry_on(edge[1], stamp_ns, round(MAX_ODOMETRY_AGE_S * 1e9))
+        T_odom_child = self._tree.carry_on(edge[1], stamp_ns, MAX_ODOMETRY_AGE_NS)
         return T_odom_child and T_odom_child @ self._tree.lookup(edge[1], self._base_frame)
 
     def in_frame(self, stamp_ns: int) -> SE3 | None:
@@ -94,5 +94,7 @@ class OdometryInput:
         check_stamp(stamp, self._endpoints.now_ns(), "odom")
         if self._topic_frame not in ("", frame):
             raise ValueError(f"odom: header.frame_id: expected {self._topic_frame!r} as before, found {frame!r}")
-        self._buffer.add(stamp, T_odom_base, twist)
+        if not self._buffer.add(stamp, T_odom_base, twist):
+            last = self._buffer[-1][0]
+            raise ValueError(f"odometry stamp: expected later than {last * 1e-9:.3f} s, found {stamp * 1e-9:.3f} s")
         self._topic_frame = frame

@@ -51,13 +51,15 @@ from sphere_nav_tools.cli.constants import (
 )
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, by_buttons, places_of
 
-EXPECTED = {  # states that confirm a command
-    "start": ("DRIVING", "SLOW"),
-    "resume": ("DRIVING", "SLOW"),
-    "pause": ("PAUSED",),
-    "stop": ("STOPPING", *AT_REST),
-}
 GOES_ON = ("WAITING", "STARTING", "DRIVING")  # states in which a mission drives, or will by itself
+EXPECTED = {  # states, of the one that is asked, that confirm a command
+    "path_follower/start": ("DRIVING", "SLOW"),
+    "path_follower/resume": ("DRIVING", "SLOW"),
+    "path_follower/pause": ("PAUSED",),
+    "path_follower/stop": ("STOPPING", *AT_REST),
+    "route_navigator/pause": ("PAUSED",),
+    "route_navigator/resume": ("STOPPING", *GOES_ON),
+}
 CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOAD_PATH, LOAD_MAP = "path_follower/load_trajectory", "dense_localizer/load_map"
@@ -82,8 +84,7 @@ class Link:
         self._wheels: Any = None  # publishes cmd_vel while a person drives, and only then
         self._held, self._held_at = (0.0, 0.0), -math.inf
         self._lock = threading.Lock()
-        asked = *(f"path_follower/{name}" for name in EXPECTED), "route_navigator/pause", "route_navigator/resume"
-        calls = {LOAD_PATH: LoadTrajectory, LOAD_MAP: LoadMap, **dict.fromkeys(asked, Trigger)}
+        calls = {LOAD_PATH: LoadTrajectory, LOAD_MAP: LoadMap, **dict.fromkeys(EXPECTED, Trigger)}
         self.clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
         self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
         self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])
@@ -185,16 +186,16 @@ class Link:
         """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
         self.seen.refused = ""
         is_mission = name in ("pause", "resume") and self.seen.mission != "IDLE"
-        node = "route_navigator" if is_mission else "path_follower"
-        told = self._stop() if name == "stop" else self._ask(f"{node}/{name}", EXPECTED[name])
-        if not told.startswith(EXPECTED[name]):
+        service = f"{'route_navigator' if is_mission else 'path_follower'}/{name}"
+        told = self._stop() if name == "stop" else self._ask(service)
+        if not told.startswith(EXPECTED[service]):
             self.seen.refused = by_buttons(f"{name}: {told}")
         return f"{name}: {told}"
 
     def _stop(self) -> str:
         """Stop the follower and end every mission, whoever began it; it is done only where both are confirmed."""
         cancels = self._cancel_missions()
-        told = self._ask("path_follower/stop", EXPECTED["stop"], STOP_ANSWER_S)
+        told = self._ask("path_follower/stop", STOP_ANSWER_S)
         is_answered = all(self._wait(cancel, STOP_ANSWER_S) is not None for cancel in cancels)
         if is_answered and self._until(lambda: self.seen.mission not in GOES_ON):
             return told
@@ -233,9 +234,7 @@ class Link:
         if stop.service_is_ready():
             stop.call_async(Trigger.Request())
         self._cancel_missions()
-        confirmed = self._confirmed(
-            lambda status: status.reason == "EMERGENCY_STOP" or (is_standing and status.state in AT_REST)
-        )
+        confirmed = self._confirmed(lambda it: it.reason == "EMERGENCY_STOP" or (is_standing and it.state in AT_REST))
         return f"emergency stop: {confirmed} after {time.monotonic() - begin:.2f} s"
 
     def release_emergency(self) -> str:
@@ -334,20 +333,21 @@ class Link:
         future.add_done_callback(lambda _: done.set())
         return future.result() if done.wait(seconds) else None
 
-    def _ask(self, name: str, states: tuple[str, ...], patience: float = ANSWER_S) -> str:
-        """Call a service, and return the state of the follower that shows that it was done, or why it was not."""
-        return self.call(name, patience) or self._confirmed(lambda status: status.state in states)
+    def _ask(self, name: str, patience: float = ANSWER_S) -> str:
+        """Call a service, and return the state of its node that shows that it was done, or why it was not."""
+        who = "mission" if name.startswith("route") else "follower"
+        return self.call(name, patience) or self._confirmed(lambda status: status.state in EXPECTED[name], who)
 
-    def _confirmed(self, holds: Callable[[Any], bool]) -> str:
+    def _confirmed(self, holds: Callable[[Any], bool], who: str = "follower") -> str:
         """Wait until the follower says so, after now; return its state and reason, or that it is not confirmed."""
         begin = time.monotonic()
 
         def find() -> str:
-            status, age = self.seen.told("follower")
-            is_so = status is not None and time.monotonic() - age > begin and holds(status)
+            status, age = self.seen.told(who)
+            is_so = time.monotonic() - age > begin and holds(status)  # age: infinite before the first
             return f"{status.state} {status.reason}".strip() if is_so else ""
 
-        return self._until(find) or "NOT CONFIRMED by the follower: use the button on the vehicle"
+        return self._until(find) or f"NOT CONFIRMED by the {who}: use the button on the vehicle"
 
     def _until(self, find: Callable[[], Found]) -> Found:
         """Wait until something is found, and return it; nothing when the time is over."""

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.network import EdgeCurve
+from path_follower.routes.network import Curve
 from worlds.curves import even_curve
 
 LANE = 0.6
@@ -81,7 +81,7 @@ def test_lanes_beside_each_other_share_nothing(drive):
 def test_who_leaves_the_lane_for_a_moment_is_on_it_still(drive):
     for length, edges in [(2.7, 1), (3.3, 4)]:
         x = np.linspace(0.0, 60.0, 601)
-        aside = EdgeCurve(x, np.where(np.abs(x - 30.0) < length / 2, 0.8, 0.0), 0.0 * x, np.full(601, 1.4))
+        aside = Curve(x, np.where(np.abs(x - 30.0) < length / 2, 0.8, 0.0), 0.0 * x, np.full(601, 1.4))
         assert len(build_network([drive((60, 0)), TaughtDrive(aside)]).edges) == edges
 
 

@@ -11,7 +11,7 @@ from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
 from path_follower.routes.course import make_course
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
+from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.planning import Leg, Route, plan
 
 PARAMS = FollowerParams()
@@ -67,7 +67,7 @@ def test_a_car_beside_the_path_is_soon_on_it(drive, kit, direction):
 def test_a_course_has_the_points_and_the_speeds_of_its_legs(direction):
     """Of two legs on a straight road that was driven faster and faster: forward, or backwards from its end."""
     x = np.linspace(0.0, 20.0, 201)
-    edges = {i: RouteEdge(i, i, i + 1, EdgeCurve(x + 20 * i, 0 * x, 0 * x, 0.5 + 0.02 * (x + 20 * i)), is_reverse=True)
+    edges = {i: RouteEdge(i, i, i + 1, Curve(x + 20 * i, 0 * x, 0 * x, 0.5 + 0.02 * (x + 20 * i)), is_reverse=True)
              for i in (0, 1)}  # fmt: skip
     network = Network({i: Pose2(20.0 * i, 0, 0) for i in range(3)}, edges)
     legs = (Leg(0, 1, 5.0, 20.0), Leg(1, 1, 0.0, 15.0))

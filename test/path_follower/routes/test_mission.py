@@ -17,7 +17,7 @@ CALL_PATIENCE, RETRY, STEADY, TICK = 5.0, 3.0, 1.0, 0.2
 
 PARAMS = MissionParams(patience=5.0)
 GOAL = Goal("end")
-EVENTS = {name: Event[name.upper()] for name in ("load", "clear", "start", "resume", "pause", "stop")}
+EVENTS = {name: Event[name.upper()] for name in ("load", "clear", "start", "stop", "pause", "resume")}
 
 
 class Trip:
@@ -69,7 +69,7 @@ class Trip:
         def do():
             return self.refusal or self.mode.take(EVENTS[request.name], OPERATOR)
 
-        refusal = Arming.under(self, request.permission, do, is_stop=request.name in ("pause", "stop"))
+        refusal = Arming.under(self, request.permission, do, is_stop=request.name == "stop")
         if request.name == "load" and not refusal:
             self.length, self.progress = request.route.length, 0.0
         if request.name == "clear" and not refusal:
@@ -100,7 +100,7 @@ def trip(fork):
 
 
 def test_only_what_somebody_asks_for_leads_out_of_a_hold_and_nothing_but_a_goal_out_of_idle():
-    asked = {"begin", "cancel", "resume", "resume of a pause", "follower started"}
+    asked = {"begin", "cancel", "resume", "follower started"}
     for event in TABLE.keys() - asked:
         assert {TABLE[event].get(held, held) for held in ("PAUSED", "HELD")} <= {"PAUSED", "HELD"}
         assert "IDLE" not in TABLE[event]
@@ -204,12 +204,12 @@ def test_a_smoothed_course_or_another_path_does_not_spoil_the_progress(trip):
     assert trip.mission.progress == pytest.approx(12.0 * length / (1.004 * length + 0.9))
 
 
-def test_a_follower_that_does_not_answer_is_told_again_to_pause(trip):
+def test_a_follower_that_does_not_answer_is_told_again_to_stop_for_a_pause(trip):
     trip.drive_off()
     trip.is_answering = False
     assert trip.mission.pause(trip.now) == ""
     asked = trip.live(3 * (CALL_PATIENCE + 1.5))
-    assert set(asked) == {"pause"}
+    assert set(asked) == {"stop"}
     assert len(asked) >= 4
 
 
@@ -308,9 +308,9 @@ def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
         trip.live()
         if trip.asked[-1:] == ["load"]:
             trip.answer(trip.mission._pending[0])
-    late = trip.mission._pending[0]
+    late, refusal = trip.mission._pending[0], trip.mission.pause(trip.now)
     trip.mission.cancel("canceled", trip.now)
-    assert trip.live(1.0) == []
+    assert (trip.live(1.0), refusal) == ([], "path_follower is just being started: pause once more")
     trip.is_answering = True
     trip.answer(late)
     assert trip.live(2.0) == ["stop", "clear"]
@@ -363,7 +363,7 @@ def test_a_mission_whose_vehicle_somebody_else_has_stopped_is_held_whatever_it_w
         assert "nothing to pause" in refusal
         return
     assert not trip.mode.is_driving
-    assert trip.mission.state in (MissionState.HELD, MissionState.PAUSED)
+    assert trip.mission.state is MissionState.HELD
     assert trip.mission.resume(trip.now) == ""
     trip.live(3 * STEADY)
     assert trip.mode.is_driving
@@ -417,12 +417,12 @@ def test_a_goal_that_comes_while_the_way_to_the_last_one_is_cleared_away_is_driv
 def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
     trip.drive_off()
     trip.do(hold)
-    assert trip.mission.state in (MissionState.HELD, MissionState.PAUSED)
+    assert trip.mission.state is MissionState.HELD
     trip.do("start" if hold == "stop" else "resume")
     assert trip.mission.state is MissionState.DRIVING
     trip.mission.pause(trip.now)
     trip.live(1.0)
-    trip.do("resume")
+    trip.do("start")
     assert trip.mission.state is MissionState.DRIVING
 
 
@@ -431,8 +431,7 @@ def test_a_pause_holds_a_vehicle_that_waits(trip):
     trip.drive_off()
     trip.stop("POSE_TIMEOUT")
     assert trip.mission.pause(trip.now) == ""
-    assert trip.live(1.0) == ["pause"]
-    assert trip.state == "PAUSED"
+    assert (trip.live(1.0), trip.state) == (["stop"], "STOPPED")
 
 
 def test_pause_and_resume(trip):
@@ -440,11 +439,11 @@ def test_pause_and_resume(trip):
     assert trip.mission.resume(trip.now) == "nothing to resume: IDLE"
     trip.drive_off()
     assert trip.mission.pause(trip.now) == ""
-    assert trip.live(1.0) == ["pause"]
-    assert (trip.state, trip.mission.state) == ("PAUSED", MissionState.PAUSED)
+    assert trip.live(1.0) == ["stop"]
+    assert (trip.state, trip.mission.state) == ("STOPPED", MissionState.PAUSED)
     assert trip.live(60.0) == []
     assert trip.mission.resume(trip.now) == ""
-    assert trip.live(1.0) == ["resume"]
+    assert trip.live(2 * STEADY) == ["stop", "load", "start"]
     assert trip.mission.state is MissionState.DRIVING
     trip.silent = "follower"
     assert trip.live(MAX_SILENCE + 5 * TICK) == []

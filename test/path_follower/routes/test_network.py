@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
+from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.planning import plan, with_laps
 
 
@@ -55,19 +55,19 @@ def test_a_part_of_a_curve_begins_and_ends_where_it_is_asked_to_and_bends_to_the
     assert (part.x[0], part.x[-1]) == (pytest.approx(1.234), pytest.approx(5.678))
     assert np.all(np.diff(part.x) > 0)
     angle = np.linspace(0.0, 1.0, 50)
-    curve = EdgeCurve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
+    curve = Curve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
     np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)
 
 
 def test_a_slow_teacher_counts_as_walking_and_an_unknown_speed_as_the_cruise():
-    curve = EdgeCurve(np.array([0.0, 10.0, 16.0]), np.zeros(3), np.zeros(3), np.array([0.1, np.nan, 1.0]))
+    curve = Curve(np.array([0.0, 10.0, 16.0]), np.zeros(3), np.zeros(3), np.array([0.1, np.nan, 1.0]))
     edge = RouteEdge(1, 2, 3, curve)
     assert edge.seconds(2.0) == pytest.approx(2 * 10.0 / (0.3 + 2.0) + 2 * 6.0 / (2.0 + 1.0))
 
 
 def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
     x = np.linspace(0.0, 20.0, 201)
-    edges = {i: RouteEdge(i, 0, 1, EdgeCurve(x, np.full(201, y), 0 * x + turned, 0 * x + 1))
+    edges = {i: RouteEdge(i, 0, 1, Curve(x, np.full(201, y), 0 * x + turned, 0 * x + 1))
              for i, y, turned in ((5, 0.5, 0.0), (6, -0.4, 0.0), (7, -0.1, 0.5))}  # fmt: skip
     found = Network({0: Pose2(0, 0, 0), 1: Pose2(20, 0, 0)}, edges).locate(Pose2(10, 0, 0), 2.0, 0.6)
     assert [(spot.edge, spot.turned) for spot in found] == [(6, 0.0), (5, 0.0), (7, pytest.approx(-0.5))]
@@ -77,7 +77,7 @@ def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
 def straight(number, start, end, length, **more):
     """An edge of a length, wherever it lies."""
     x = np.linspace(0.0, length, 3)
-    return RouteEdge(number, start, end, EdgeCurve(x, 0 * x, 0 * x, np.ones(3)), **more)
+    return RouteEdge(number, start, end, Curve(x, 0 * x, 0 * x, np.ones(3)), **more)
 
 
 def random_network(rng, nodes=12, edges=40):

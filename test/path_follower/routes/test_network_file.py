@@ -12,7 +12,7 @@ from path_follower.path_files import read_path
 from path_follower.routes.building import build_network
 from path_follower.routes.course import make_course, write_course
 from path_follower.routes.drive_files import read_drives
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge, Spot
+from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
@@ -38,7 +38,7 @@ def test_route_server_finds_what_it_wants(drive):
 def test_a_network_comes_back_from_its_file_however_its_edges_may_be_driven(tmp_path):
     """An edge that is only driven backwards is a line from its end to its start for others."""
     x = np.linspace(0.0, 3.1, 32)
-    curve = EdgeCurve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
+    curve = Curve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
     ways = {10: (True, False), 11: (True, True), 12: (False, True)}
     edges = {i: RouteEdge(i, 1, 2, curve, *way) for i, way in ways.items()}
     nodes = {1: Pose2(0.0, 0.0, 0.0997), 2: Pose2(3.1, 0.31, 0.0997)}

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.pyplot import imread
 
 from path_follower.path import Pose2
-from path_follower.routes.network import EdgeCurve, Network, RouteEdge
+from path_follower.routes.network import Curve, Network, RouteEdge
 from path_follower.routes.network_file import read_network
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.routes import describe, find_spot
@@ -82,12 +82,12 @@ def test_a_network_place_or_way_that_cannot_be_is_refused_in_one_line(drives, ca
 
 def straight(length, y=0.0):
     x = np.linspace(0.0, length, 101)
-    return EdgeCurve(x, np.full(101, y), 0 * x, np.linspace(0.1, 0.5, 101))
+    return Curve(x, np.full(101, y), 0 * x, np.linspace(0.1, 0.5, 101))
 
 
 def arc(radius):
     angle = np.linspace(0.0, 1.0, 101)
-    return EdgeCurve(10 + radius * np.sin(angle), radius - radius * np.cos(angle), angle, np.full(101, math.nan))
+    return Curve(10 + radius * np.sin(angle), radius - radius * np.cos(angle), angle, np.full(101, math.nan))
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_a_network_in_lines(network):
 def test_a_spot_is_the_closest_that_heads_as_asked_for():
     """Two roads side by side, and one across them."""
     x = np.linspace(-5.0, 5.0, 101)
-    across = EdgeCurve(np.full(101, 4.0), x, np.full(101, math.pi / 2), np.ones(101))
+    across = Curve(np.full(101, 4.0), x, np.full(101, math.pi / 2), np.ones(101))
     edges = {i: RouteEdge(i, 1, 2, curve) for i, curve in ((5, straight(10.0)), (6, straight(10.0, 1.0)), (7, across))}
     network = Network({1: Pose2(0, 0, 0), 2: Pose2(10, 0, 0)}, edges)
     assert [find_spot(network, 2.0, y).edge for y in (-1.9, 0.4, 0.6, 2.9)] == [5, 5, 6, 6]

@@ -44,6 +44,8 @@ def test_the_topic_gives_frame_and_pose_for_a_short_while():
 def test_another_frame_is_refused_and_named_until_a_reset():
     world = World()
     world.odom(SECOND)
+    world.odom(SECOND)
+    assert "odometry stamp: expected later than 1.000 s, found 1.000 s" in world.refusal
     world.odom(2 * SECOND, "odom_2")
     assert "header.frame_id: expected 'odom' as before, found 'odom_2'" in world.refusal
     assert (world.odometry.frame, world.odometry.at(2 * SECOND)) == ("odom", None)
