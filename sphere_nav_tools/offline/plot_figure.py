@@ -20,11 +20,7 @@ from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav_tools.offline.evaluation import (
-    Judged,
-    alignment_of,
-    describe_alignment,
-)
+from sphere_nav_tools.offline.evaluation import Judged, describe_alignment
 
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
@@ -67,9 +63,9 @@ def draw_localization(
     """
     lines, views, alignment = {}, [], ""
     if judged is not None and poses is not None:
-        lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
+        lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged)
         views = [partial(_draw_sides, judged), partial(_draw_turns, judged)]
-        poses = poses.moved(*alignment_of(judged.report))
+        poses = poses.moved(judged.T_truth_estimate, judged.scale)
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
     if statuses:

@@ -29,7 +29,7 @@ from sphere_nav_tools.offline.importing.recording import (
     Recording,
     camera_recording,
     rig_views,
-    with_truth_at,
+    with_truth,
 )
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
@@ -76,7 +76,7 @@ def open_nclt(folder: Path) -> Recording:
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
     seen = camera_recording(rig_views(rig, cameras), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
-    seen = with_truth_at(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
+    seen = with_truth(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
     instants = []
     for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"

@@ -66,8 +66,7 @@ class DriveLocator:
         self._seen: dict[int, Seen] = {}  # by the stamp
         self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
         self._small = CompactSpheres()
-        self._T_odom_graph, self._num_loops = SE3.identity(), 0
-        self._last: tuple[Mapper, SE3] | None = None
+        self._T_odom_sphere = SE3.identity()
         self.served: dict[int, Service] = {}
 
     def close(self) -> None:
@@ -137,18 +136,12 @@ class DriveLocator:
             self._seen[stamp_ns].is_explained = is_alike(estimate)
 
     def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
-        """Return the pose of a sphere in a frame that loops do not move."""
-        if update.T_map_sphere is None or not mapper.tracks:
+        """Return the pose of a sphere in a frame that loops do not move: by the motion since the one before."""
+        if update.T_map_sphere is None:
             return None
-        if mapper.num_loops != self._num_loops and len(mapper.tracks) > 1 and self._last is not None:
-            before = mapper.tracks[-2]
-            T_graph_before = mapper.graph[before.key_id].T_map_sphere @ before.T_key_sphere
-            self._T_odom_graph = self._last[1] @ T_graph_before.inverse()
-        self._num_loops = mapper.num_loops
-        newest = mapper.tracks[-1]
-        T_odom_sphere = self._T_odom_graph @ mapper.graph[newest.key_id].T_map_sphere @ newest.T_key_sphere
-        self._last = mapper, T_odom_sphere
-        return T_odom_sphere
+        latest = [mapper.graph[track.key_id].T_map_sphere @ track.T_key_sphere for track in mapper.tracks[-2:]]
+        self._T_odom_sphere = self._T_odom_sphere @ latest[0].inverse() @ latest[-1]
+        return self._T_odom_sphere
 
     def _locate(self, estimate: CameraEstimate) -> Localized | None:
         status = estimate.status
