@@ -80,7 +80,12 @@ def evaluate_poses(
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_absolute(errors),
+        **_statistics(
+            translation_m=errors.translation_m,
+            rotation_deg=np.degrees(errors.rotation_rad),
+            lateral_m=errors.lateral_m,
+            longitudinal_m=errors.longitudinal_m,
+        ),
         "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
@@ -145,15 +150,6 @@ def report_lines(judged: Judged) -> list[str]:
     """Return the report as text: a line for each quantity, and how the frames were compared."""
     told = {name: value for name, value in judged.report.items() if name != "alignment"}
     return [*facts_as_lines(told), *filter(None, [describe_alignment(judged)])]
-
-
-def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    return _statistics(
-        translation_m=errors.translation_m,
-        rotation_deg=np.degrees(errors.rotation_rad),
-        lateral_m=errors.lateral_m,
-        longitudinal_m=errors.longitudinal_m,
-    )
 
 
 def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:

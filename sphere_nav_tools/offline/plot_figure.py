@@ -115,9 +115,9 @@ def in_meters(axes: Axes) -> None:
 
 def _draw_sides(judged: Judged, axes: Axes) -> None:
     seconds, errors = judged.truth.stamps_ns * 1e-9, judged.errors
-    axes.plot(seconds, errors.translation_m, color=TRUTH, lw=1, label="size")
-    axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    axes.set_prop_cycle(color=(TRUTH, LATERAL, LONGITUDINAL))
+    sizes = np.column_stack([errors.translation_m, errors.lateral_m, errors.longitudinal_m])
+    axes.plot(seconds, sizes, lw=1, label=["size", "lateral (left)", "longitudinal (ahead)"])
     median = 1e3 * float(np.median(errors.translation_m))
     axes.set_title(f"Error [m], median {median:.3g} mm", loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.1)

@@ -9,7 +9,6 @@ import numpy as np
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
@@ -52,7 +51,7 @@ class Registration:
         }
 
 
-def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> Registration:
+def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3) -> Registration:
     """Return the alignment of b with a.
 
     The motion may be any: features with range give the first guess, the one given and none at all come after it. What

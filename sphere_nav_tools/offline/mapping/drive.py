@@ -87,7 +87,7 @@ class MappedDrive:
     @property
     def loss(self) -> str:
         """One line where most spheres were lost and what would help, else nothing."""
-        total = self.num_lost + len(self.trajectory(is_base=False))
+        total = self.num_lost + len(self.mapper.tracks)
         if self.num_lost <= MAX_LOST * total:
             return ""
         return (

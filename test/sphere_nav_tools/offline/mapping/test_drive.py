@@ -40,7 +40,9 @@ def laid_out(poses):
 
 @pytest.fixture
 def drive():
-    mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
+    mapper = SimpleNamespace(
+        trajectory=lambda: zip(STAMPS, WAY, strict=True), tracks=STAMPS, graph=[None] * 3, num_loops=1
+    )
     mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
     return MappedDrive(SimpleNamespace(stereo=""), mapper, mount, num_lost=2)
 
