@@ -36,11 +36,11 @@ from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli import localize as localize_command
 from sphere_nav_tools.cli import mcl as mcl_command
 from sphere_nav_tools.offline import evaluation, localizing, topics
+from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.registering import Registration, register_spheres
 
 CAMERAS = (Pinhole, Fisheye, Omni, DoubleSphere, Spherical)
-FRAME_NS = 100_000_000  # from image to image where no stamps are given
 Kind = TypeVar("Kind")
 
 
@@ -123,7 +123,7 @@ class Localizer(AbstractContextManager["Localizer"]):
         """
         _expect(camera, CAMERAS, "localize: camera", "Camera.from_fx(...)")
         check_sphere_image(_expect(image, np.ndarray, "localize: image", "an array"), camera)
-        self._last_ns = self._last_ns + FRAME_NS if stamp_ns is None else stamp_ns
+        self._last_ns = self._last_ns + round(1e9 / DEFAULT_HZ) if stamp_ns is None else stamp_ns
         found = self._localizer.update(to_gray_bytes(image), camera, self._last_ns)
         status, is_placed = found.status, found.status.state in FOLLOWING
         told = found.expose_candidate() if is_placed and found.T_map_camera is None else found  # one on probation

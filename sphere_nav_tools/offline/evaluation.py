@@ -13,7 +13,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
-    AXES,
     AbsoluteErrors,
     RelativeErrors,
     Statistics,
@@ -21,7 +20,6 @@ from sphere_nav.geometry.trajectory_error import (
     align_trajectories,
     directions_of_motion,
     nees,
-    nees_of_axes,
     relative_errors,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
@@ -166,8 +164,7 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     squared = squared[np.isfinite(squared)]
     if not squared.size:
         return None
-    axes = dict(zip(AXES, np.nanmean(nees_of_axes(estimate, truth), axis=0).tolist(), strict=True))
-    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
+    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
 
 
 def _statistics(**errors: Array) -> dict[str, Any]:

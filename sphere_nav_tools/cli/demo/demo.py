@@ -148,7 +148,9 @@ class Demo:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
         errors = drive_errors(self.folder)
         with open_map(self.folder / "map") as made:
-            keys = np.stack([(errors.judged.T_truth_estimate @ node.T_map_sphere).translation[:2] for node in made.graph])
+            keys = np.stack(
+                [(errors.judged.T_truth_estimate @ node.T_map_sphere).translation[:2] for node in made.graph]
+            )
         plot_top_view(self.folder / "top_view.png", errors, keys)
         result = self.result(errors, len(keys))
         write_json(self.folder / "result.json", result)

@@ -84,7 +84,7 @@ def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatc
     assert float(drive.anchor_graph("truth", here)[0].distance(T_TRUTH_MAP)[0]) < 0.015
     late = replace(laid_out(WAY), stamps_ns=laid_out(WAY).stamps_ns + 10**12)
     monkeypatch.setattr(mapped, "read_truth", lambda path, mount: late)
-    with pytest.raises(BagError, match="here/drive: stamps: expected some in common to align by, found 1.000 "):
+    with pytest.raises(BagError, match="here/drive: stamps: expected some in common to align by, found 1"):
         drive.anchor_graph("truth", here)
 
 
