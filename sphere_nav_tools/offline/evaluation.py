@@ -67,23 +67,13 @@ def evaluate_poses(
     is_chosen = alignment == AUTO
     if is_chosen:
         alignment = "poses" if aligned_by is not None or have_own_frames(paired, paired_truth) else "none"
-    if aligned_by is not None:
-        T_truth_estimate, scale = align_at(*aligned_by, alignment)
-    elif alignment != "none" and len(paired) == 1:
-        raise ValueError(f"--align {alignment}: expected several poses to align by, found one, which fits in any case")
-    else:
-        T_truth_estimate, scale = align_trajectories(paired, paired_truth, alignment)
+    T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_statistics(
-            translation_m=errors.translation_m,
-            rotation_deg=np.degrees(errors.rotation_rad),
-            lateral_m=errors.lateral_m,
-            longitudinal_m=errors.longitudinal_m,
-        ),
+        **_absolute(errors),
         "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
@@ -136,6 +126,17 @@ def describe_alignment(judged: Judged) -> str:
     return line + why * found["is_chosen"]
 
 
+def find_alignment(
+    paired: tuple[Trajectory, Trajectory], kind: str, aligned_by: tuple[Trajectory, Trajectory] | None
+) -> tuple[SE3, float]:
+    """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
+    if aligned_by is not None:
+        return align_at(*aligned_by, kind)
+    if kind != "none" and len(paired[0]) == 1:
+        raise ValueError(f"--align {kind}: expected several poses to align by, found one, which fits in any case")
+    return align_trajectories(*paired, kind)
+
+
 def align_at(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
     """Return T_truth_estimate and scale by the truth at the stamps of an estimate; ValueError where there is none."""
     at, known = truth.at(estimate.stamps_ns, MAX_TRUTH_GAP_NS)
@@ -148,6 +149,15 @@ def report_lines(judged: Judged) -> list[str]:
     """Return the report as text: a line for each quantity, and how the frames were compared."""
     told = {name: value for name, value in judged.report.items() if name != "alignment"}
     return [*facts_as_lines(told), *filter(None, [describe_alignment(judged)])]
+
+
+def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
+    return _statistics(
+        translation_m=errors.translation_m,
+        rotation_deg=np.degrees(errors.rotation_rad),
+        lateral_m=errors.lateral_m,
+        longitudinal_m=errors.longitudinal_m,
+    )
 
 
 def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:

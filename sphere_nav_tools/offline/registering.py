@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,18 +60,13 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3) -> Registration:
     """
     reference, current = (PreparedSphere(sphere) for sphere in (a, b))
 
-    def guesses() -> Any:
-        yield T_a_b_guess
-        yield guess_by_rotation(current, reference, SE3.identity())
-
-    def check(forward: Alignment) -> str:
-        return why_denied(reference, current, forward, is_expected=False)
-
     proven = find_motion(reference, current) if b.measured.any() else None
     if proven is not None:
         found = replace(proven.forward, T_world_camera=proven.T_a_b, covariance=proven.covariance)
     else:
-        found = align_sphere(current, [reference.at(SE3.identity())], guesses(), check)
+        guesses = T_a_b_guess, guess_by_rotation(current, reference, SE3.identity())
+        check = partial(why_denied, reference, current, is_expected=False)
+        found = align_sphere(current, [reference.at(SE3.identity())], guesses, check)
     return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found)
 
 
