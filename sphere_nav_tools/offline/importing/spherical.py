@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -80,12 +79,13 @@ def _open_ring(folder: Path) -> Recording:
 
 def _gicp_poses(folder: Path, names: list[Path]) -> tuple[Trajectory | None, str]:
     """Return the poses of two spheres from gicp_T_<first>_<second>.txt, relative to the first."""
-    stamps = dict(zip((name.name.replace("_", "") for name in names), _seconds(names), strict=True))
+    plain = [name.name.replace("_", "") for name in names]
     for path in sorted(folder.glob("gicp_T_*_*.txt")):
         first, _, second = path.stem.removeprefix("gicp_T_").partition("_")
-        if first in stamps and second in stamps:
-            poses = {stamps[first]: SE3.identity(), stamps[second]: T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()}
-            return trajectory_of(*zip(*sorted(poses.items(), key=itemgetter(0)), strict=True)), path.name
+        if first in plain and second in plain:
+            poses = {first: SE3.identity(), second: T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()}
+            told = [(at, poses[name]) for name, at in zip(plain, _seconds(names), strict=True) if name in poses]
+            return trajectory_of(*zip(*told, strict=True)), path.name
     return None, ""
 
 
