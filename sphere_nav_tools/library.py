@@ -19,8 +19,7 @@ import numpy as np
 
 from dense_localizer.localizer import Localizer as ImageLocalizer
 from dense_localizer.params import LocalizerParams
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd
-from sphere_mapping.params import MapperParams
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_view
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole, Spherical
 from sphere_nav.geometry import Camera as CameraModel
 from sphere_nav.geometry.arrays import Array, Bytes
@@ -30,38 +29,18 @@ from sphere_nav.params import build
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.maps.reader import MapReader as Map
-from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.reader import open_map as open_map
 from sphere_nav.spheres.sphere import Sphere, check_sphere_image, to_gray_bytes, to_rgb
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli import localize as localize_command
 from sphere_nav_tools.cli import mcl as mcl_command
 from sphere_nav_tools.offline import evaluation, localizing, topics
+from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.registering import Registration, register_spheres
 
-__all__ = [
-    "SE3",
-    "Camera",
-    "Estimate",
-    "Localizer",
-    "Map",
-    "Registration",
-    "RgbdView",
-    "Sphere",
-    "Trajectory",
-    "evaluate",
-    "localize_bag",
-    "mcl",
-    "open_map",
-    "read_bag",
-    "read_images",
-    "read_trajectory",
-    "register",
-    "render",
-]
 CAMERAS = (Pinhole, Fisheye, Omni, DoubleSphere, Spherical)
-FRAME_NS = 100_000_000  # from image to image where no stamps are given
 Kind = TypeVar("Kind")
 
 
@@ -144,7 +123,7 @@ class Localizer(AbstractContextManager["Localizer"]):
         """
         _expect(camera, CAMERAS, "localize: camera", "Camera.from_fx(...)")
         check_sphere_image(_expect(image, np.ndarray, "localize: image", "an array"), camera)
-        self._last_ns = self._last_ns + FRAME_NS if stamp_ns is None else stamp_ns
+        self._last_ns = self._last_ns + round(1e9 / DEFAULT_HZ) if stamp_ns is None else stamp_ns
         found = self._localizer.update(to_gray_bytes(image), camera, self._last_ns)
         status, is_placed = found.status, found.status.state in FOLLOWING
         told = found.expose_candidate() if is_placed and found.T_map_camera is None else found  # one on probation
@@ -169,8 +148,7 @@ def register(a: RgbdView | Sphere, b: RgbdView | Sphere, T_a_b_guess: SE3 | None
     The pose of b in a, with axes x ahead, y left, z up. It may be large: features give the first guess. Aligning a with
     b has to agree with aligning b with a; else `is_converged` is false and `reason` says why.
     """
-    spheres = (_sphere(a, "register: a"), _sphere(b, "register: b"))
-    return register_spheres(*spheres, T_a_b_guess or SE3.identity(), MapperParams())
+    return register_spheres(_sphere(a, "register: a"), _sphere(b, "register: b"), T_a_b_guess or SE3.identity())
 
 
 def render(sphere_map: Map, camera: CameraModel, T_map_camera: SE3) -> SynthesizedView:
@@ -258,7 +236,7 @@ def _parsed(parser: argparse.ArgumentParser, words: list[str], options: dict[str
 
 def _sphere(one: RgbdView | Sphere, name: str) -> Sphere:
     if isinstance(one, RgbdView):
-        return sphere_from_rgbd(one.image, one.depth_m, one.camera, one.T_sphere_camera)
+        return sphere_from_view(one)
     return _expect(one, Sphere, name, "RgbdView(image, depth_m, camera) or a Sphere")
 
 

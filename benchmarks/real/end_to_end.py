@@ -19,8 +19,7 @@ from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.evaluation import evaluate_poses
-from sphere_nav_tools.offline.mapping.drive import fit_poses
+from sphere_nav_tools.offline.evaluation import align_at, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELD_OUT, INTERLEAVED = (8.0, 0.4), (2.5, 0.1)  # mm, deg: medians
@@ -103,9 +102,7 @@ def kitchen(recording: Recording, split: Split, folder: Path, report: Report) ->
 def straight_truth(taught: Path, driven: Path, way: Path) -> tuple[Trajectory, SE3]:
     """Return the driven truth less what a rolling shutter does to poses by a global one, and the map fitted to it."""
     straight = [straighten(bag, read_poses(bag, TRUTH), READOUT_S) for bag in (taught, driven)]
-    mapped = read_tum(way)
-    at, known = straight[0].at(mapped.stamps_ns, max_gap_ns=10**9)
-    return straight[1], fit_poses(at.T_map_body, mapped.T_map_body[known])
+    return straight[1], align_at(read_tum(way), straight[0], "poses")[0]
 
 
 def judge_map(what: str, data: str, folder: Path, report: Report) -> None:

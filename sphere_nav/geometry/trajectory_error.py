@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array, Flags
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
 DIRECTION_BASELINE_M = 0.2  # the direction of motion is measured over this way, to both sides
 ALIGNMENTS = ("none", "poses", "se3", "sim3")
-AXES = ("x", "y", "z", "roll", "pitch", "yaw")  # of a tangent vector
 RPE_TOLERANCE = 0.1  # of a stretch of way, by which a pair of poses may be longer or shorter (that of evo)
 MEDIAN_LENGTHS = {2: 1.1774, 3: 1.538}  # median length of so many normal numbers of standard deviation 1: sqrt of chi^2
 HUBER, TUKEY = 3.0, 6.0  # standard deviations: from where the length of three errors counts less, or not at all
@@ -187,23 +186,11 @@ def nees(estimate: Trajectory, truth: Trajectory) -> Array:
 
     The error is xi of `T_true = T_estimated @ exp(xi)`. NaN where the covariance is not positive definite.
     """
-    xi, covariances, is_good = _scaled_errors(estimate, truth)
-    squared = np.sum(xi * np.linalg.solve(covariances, xi[..., None])[..., 0], axis=-1)
-    return np.where(is_good, squared, np.nan)
-
-
-def nees_of_axes(estimate: Trajectory, truth: Trajectory) -> Array:
-    """Return the squared error over its variance (N, 6) of each of `AXES`, in the body's axes; means near 1."""
-    xi, covariances, is_good = _scaled_errors(estimate, truth)
-    squared = xi**2 / np.diagonal(covariances, axis1=-2, axis2=-1)
-    return np.where(is_good[:, None], squared, np.nan)
-
-
-def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, Flags]:
-    """Return errors (N, 6), covariances (N, 6, 6), and where these are some; the others are made those of 1."""
     xi = (estimate.T_map_body.inverse() @ truth.T_map_body).log()
     given = np.full((len(estimate), 6, 6), np.nan) if estimate.covariances is None else estimate.covariances
     is_finite = np.isfinite(given.reshape(-1, 36).sum(axis=-1))
     eigenvalues = np.linalg.eigvalsh(np.where(is_finite[:, None, None], given, -np.eye(6)))
     is_good = is_finite & (eigenvalues[:, 0] > 0)
-    return xi, np.where(is_good[:, None, None], given, np.eye(6)), is_good
+    covariances = np.where(is_good[:, None, None], given, np.eye(6))
+    squared = np.sum(xi * np.linalg.solve(covariances, xi[..., None])[..., 0], axis=-1)
+    return np.where(is_good, squared, np.nan)

@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> None:
         rpe_length_m=arguments.rpe,
         aligned_by=aligned_by,
     )
-    print("\n".join(report_lines(judged.report)))
+    print("\n".join(report_lines(judged)))
     if arguments.json:
         write_json(arguments.json, judged.report)
     if arguments.plot:

@@ -70,5 +70,5 @@ def run(arguments: argparse.Namespace) -> None:
         judged = evaluate_poses(poses, truth, alignment=arguments.align, is_interpolated=True)
     plot_figure.draw_localization(arguments.output, poses, judged, statuses)
     told = describe_states(statuses)
-    told += [] if judged is None else filter(None, [describe_alignment(judged.report)])
+    told += [] if judged is None else filter(None, [describe_alignment(judged)])
     print("\n".join([*told, f"{arguments.output}: {0 if poses is None else len(poses)} poses"]))

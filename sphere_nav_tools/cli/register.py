@@ -6,7 +6,6 @@ import argparse
 import json
 import sys
 
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.sphere_source import read_sphere
@@ -42,9 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read both, align, print."""
-    params = MapperParams()
-    a, b = (read_sphere(word, arguments, params) for word in (arguments.a, arguments.b))
-    found = register_spheres(a, b, arguments.guess, params)
+    a, b = (read_sphere(word, arguments) for word in (arguments.a, arguments.b))
+    found = register_spheres(a, b, arguments.guess)
     print(json.dumps(found.values(), indent=2))
     if not found.is_converged:
         print(f"sphere_nav register: {arguments.b}: {describe_refusal(found.reason)}", file=sys.stderr)

@@ -103,8 +103,8 @@ def make_network(arguments: argparse.Namespace) -> None:
         raise ValueError(f"{arguments.map}: expected a map, or a .geojson file to write, found neither")
     if not arguments.dry_run:
         check_free(arguments, output, loss=", its places with it")
-    reverse = arguments.drives if arguments.reversible else ()
-    network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), reverse)
+    map_id = routes.map_id_of(arguments.map)
+    network = routes.read_network_of(arguments.drives, map_id, is_reversible=arguments.reversible)
     _tell(arguments, network, routes.describe(network))
     if arguments.dry_run:
         print(f"{output}: not written (--dry-run)")

@@ -13,7 +13,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
-    AXES,
     AbsoluteErrors,
     RelativeErrors,
     Statistics,
@@ -21,7 +20,6 @@ from sphere_nav.geometry.trajectory_error import (
     align_trajectories,
     directions_of_motion,
     nees,
-    nees_of_axes,
     relative_errors,
 )
 from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
@@ -29,6 +27,7 @@ from sphere_nav_tools.offline.tables import facts_as_lines
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
 ESTIMATE_TOPICS = ("pose", "odometry")
+MAX_TRUTH_GAP_NS = 1_000_000_000  # between two true poses that tell one between them
 AUTO = "auto"  # alignment: by poses where map and truth have frames of their own
 OWN_FRAME = (0.5, np.radians(5.0))  # m, rad that medians are off at least where frames differ, and this many times what
 OWN_FRAME_RATIO = 5.0  # is left once the poses are aligned; test_evaluation
@@ -36,10 +35,12 @@ OWN_FRAME_RATIO = 5.0  # is left once the poses are aligned; test_evaluation
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The paired truth, the errors of each pair, and the numbers of the report."""
+    """The paired truth, the errors of each pair, how the estimate was moved before, and the numbers of the report."""
 
     truth: Trajectory
     errors: AbsoluteErrors
+    T_truth_estimate: SE3
+    scale: float
     report: dict[str, Any]
 
 
@@ -85,7 +86,7 @@ def evaluate_poses(
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
-    return Judged(paired_truth, errors, report)
+    return Judged(paired_truth, errors, T_truth_estimate, scale, report)
 
 
 def _pair(
@@ -96,7 +97,7 @@ def _pair(
     if not is_interpolated:
         first, second = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
         return estimate[first], truth[second], directions[second]
-    paired_truth, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    paired_truth, known = truth.at(estimate.stamps_ns, MAX_TRUTH_GAP_NS)
     return estimate[known], paired_truth, directions_of_motion(paired_truth) if known.any() else directions[:0]
 
 
@@ -113,18 +114,13 @@ def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
     )
 
 
-def alignment_of(report: dict[str, Any]) -> tuple[SE3, float]:
-    """Return T_truth_estimate and the scale by which the estimate was moved."""
-    return SE3(np.array(report["alignment"]["T_truth_estimate"])), report["alignment"]["scale"]
-
-
-def describe_alignment(report: dict[str, Any]) -> str:
+def describe_alignment(judged: Judged) -> str:
     """Return in one line what was done to compare frames, nothing where they were taken as they are."""
-    found, (T_truth_estimate, _) = report["alignment"], alignment_of(report)
+    found = judged.report["alignment"]
     if found["kind"] == "none":
         return ""
-    meters, radians = T_truth_estimate.distance(SE3.identity())
-    size = f", scale {found['scale']:.5f}" if found["scale"] != 1.0 else ""
+    meters, radians = judged.T_truth_estimate.distance(SE3.identity())
+    size = f", scale {judged.scale:.5f}" if judged.scale != 1.0 else ""
     line = f"aligned by {found['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}"
     why = ": map and truth have frames of their own (--align none compares them as they are)"
     return line + why * found["is_chosen"]
@@ -134,21 +130,25 @@ def find_alignment(
     paired: tuple[Trajectory, Trajectory], kind: str, aligned_by: tuple[Trajectory, Trajectory] | None
 ) -> tuple[SE3, float]:
     """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
-    if aligned_by is None:
-        if kind != "none" and len(paired[0]) == 1:
-            raise ValueError(f"--align {kind}: expected several poses to align by, found one, which fits in any case")
-        return align_trajectories(*paired, kind)
-    estimate, truth = aligned_by
-    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    if aligned_by is not None:
+        return align_at(*aligned_by, kind)
+    if kind != "none" and len(paired[0]) == 1:
+        raise ValueError(f"--align {kind}: expected several poses to align by, found one, which fits in any case")
+    return align_trajectories(*paired, kind)
+
+
+def align_at(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
+    """Return T_truth_estimate and scale by the truth at the stamps of an estimate; ValueError where there is none."""
+    at, known = truth.at(estimate.stamps_ns, MAX_TRUTH_GAP_NS)
     if not known.any():
-        raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
+        raise ValueError(f"stamps: expected some in common to align by, found {_spans(estimate, truth)}")
     return align_trajectories(estimate[known], at, kind)
 
 
-def report_lines(report: dict[str, Any]) -> list[str]:
+def report_lines(judged: Judged) -> list[str]:
     """Return the report as text: a line for each quantity, and how the frames were compared."""
-    told = {name: value for name, value in report.items() if name != "alignment"}
-    return [*facts_as_lines(told), *filter(None, [describe_alignment(report)])]
+    told = {name: value for name, value in judged.report.items() if name != "alignment"}
+    return [*facts_as_lines(told), *filter(None, [describe_alignment(judged)])]
 
 
 def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
@@ -174,8 +174,7 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     squared = squared[np.isfinite(squared)]
     if not squared.size:
         return None
-    axes = dict(zip(AXES, np.nanmean(nees_of_axes(estimate, truth), axis=0).tolist(), strict=True))
-    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
+    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
 
 
 def _statistics(**errors: Array) -> dict[str, Any]:

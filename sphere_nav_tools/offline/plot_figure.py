@@ -20,11 +20,7 @@ from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav_tools.offline.evaluation import (
-    Judged,
-    alignment_of,
-    describe_alignment,
-)
+from sphere_nav_tools.offline.evaluation import Judged, describe_alignment
 
 COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
@@ -67,9 +63,9 @@ def draw_localization(
     """
     lines, views, alignment = {}, [], ""
     if judged is not None and poses is not None:
-        lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged.report)
+        lines, alignment = {"truth": judged.truth.positions[:, :2]}, describe_alignment(judged)
         views = [partial(_draw_sides, judged), partial(_draw_turns, judged)]
-        poses = poses.moved(*alignment_of(judged.report))
+        poses = poses.moved(judged.T_truth_estimate, judged.scale)
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
     if statuses:
@@ -119,9 +115,9 @@ def in_meters(axes: Axes) -> None:
 
 def _draw_sides(judged: Judged, axes: Axes) -> None:
     seconds, errors = judged.truth.stamps_ns * 1e-9, judged.errors
-    axes.plot(seconds, errors.translation_m, color=TRUTH, lw=1, label="size")
-    axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    axes.set_prop_cycle(color=(TRUTH, LATERAL, LONGITUDINAL))
+    sizes = np.column_stack([errors.translation_m, errors.lateral_m, errors.longitudinal_m])
+    axes.plot(seconds, sizes, lw=1, label=["size", "lateral (left)", "longitudinal (ahead)"])
     median = 1e3 * float(np.median(errors.translation_m))
     axes.set_title(f"Error [m], median {median:.3g} mm", loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.1)

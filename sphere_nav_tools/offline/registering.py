@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
@@ -52,7 +52,7 @@ class Registration:
         }
 
 
-def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> Registration:
+def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3) -> Registration:
     """Return the alignment of b with a.
 
     The motion may be any: features with range give the first guess, the one given and none at all come after it. What
@@ -60,18 +60,13 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
     """
     reference, current = (PreparedSphere(sphere) for sphere in (a, b))
 
-    def guesses() -> Any:
-        yield T_a_b_guess
-        yield guess_by_rotation(current, reference, SE3.identity())
-
-    def check(forward: Alignment) -> str:
-        return why_denied(reference, current, forward, is_expected=False)
-
     proven = find_motion(reference, current) if b.measured.any() else None
     if proven is not None:
         found = replace(proven.forward, T_world_camera=proven.T_a_b, covariance=proven.covariance)
     else:
-        found = align_sphere(current, [reference.at(SE3.identity())], guesses(), check)
+        guesses = T_a_b_guess, guess_by_rotation(current, reference, SE3.identity())
+        check = partial(why_denied, reference, current, is_expected=False)
+        found = align_sphere(current, [reference.at(SE3.identity())], guesses, check)
     return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found)
 
 

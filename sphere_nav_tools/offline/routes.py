@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +32,11 @@ def map_id_of(path: Path) -> str:
         return str(reader.info.map_id)
 
 
-def read_network_of(files: Sequence[Path], map_id: str, reverse: Collection[Path] = ()) -> Network:
+def read_network_of(files: Sequence[Path], map_id: str, *, is_reversible: bool = False) -> Network:
     """Return the network of drives in files; ValueError for those of another map."""
     drives: list[TaughtDrive] = []
     for file in files:
-        found, theirs = read_drives(file, FollowerParams(), is_reversible=file in reverse)
+        found, theirs = read_drives(file, FollowerParams(), is_reversible=is_reversible)
         if map_id and theirs and theirs != map_id:
             raise ValueError(f"{file}: map_id: expected {map_id}, found {theirs}: drives of one map make a network")
         map_id = map_id or theirs

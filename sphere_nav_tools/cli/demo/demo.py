@@ -18,7 +18,6 @@ from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, plot_top_view
 from sphere_nav_tools.cli.demo.watch import WatchedDrive
-from sphere_nav_tools.offline.evaluation import alignment_of
 from sphere_nav_tools.offline.settings import add, choose, flag
 from sphere_nav_tools.offline.tables import facts_as_lines, write_json
 
@@ -148,9 +147,10 @@ class Demo:
     def judge(self) -> int:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
         errors = drive_errors(self.folder)
-        T_world_map, _ = alignment_of(errors.judged.report)
         with open_map(self.folder / "map") as made:
-            keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            keys = np.stack(
+                [(errors.judged.T_truth_estimate @ node.T_map_sphere).translation[:2] for node in made.graph]
+            )
         plot_top_view(self.folder / "top_view.png", errors, keys)
         result = self.result(errors, len(keys))
         write_json(self.folder / "result.json", result)

@@ -12,12 +12,11 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
-from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.processes import Processes, node_command, python_command
+from sphere_nav_tools.offline.routes import map_id_of
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAPPING = (  # then its check, which tells what it found
@@ -100,7 +99,7 @@ class Teaching(Processes):
     def with_map(self, map_id: str) -> Path | None:
         """Return the map in the folder that has this id; None where there is none."""
         maps = filter(None, map(self.map_of, self.drives))
-        return next((made for made in maps if map_id and id_of(made, made.stat().st_mtime_ns) == map_id), None)
+        return next((made for made in maps if map_id and map_id_of(made) == map_id), None)
 
     def map_of(self, drive: str) -> Path | None:
         """Return the map of a drive; None where there is none."""
@@ -132,10 +131,3 @@ class Teaching(Processes):
         self._job, self.name, self._begun = job, name, time.monotonic()
         self._process = self.begin(f"{name}.{job}", command)
         return f"{job} {name}"
-
-
-@cache
-def id_of(made: Path, changed_ns: int) -> str:
-    """Return the id of a map as it is since a time."""
-    with open_map(made) as reader:
-        return str(reader.info.map_id)

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.arrays import Size
+from sphere_nav.geometry import SE3
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -38,6 +37,7 @@ examples:
   sphere_nav view day_and_night --experience night --screenshot night.png
   sphere_nav view kitchen --host 0.0.0.0 --port 9000
 """
+FOCAL = 0.65  # of a single view, in widths of the image: 75 deg wide
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     told = "write the first view (.png, .jpg) and end"
     add(parser, "--screenshot", "F", told, Path, action=FileAction, const=(".png", ".jpg"))
     add(parser, "--size", "WxH", "of that view (%(default)s)", read_size, default="800x600")
-    add(parser, "--fov", "DEG", "its width (%(default)g)", float, default=75.0)
     add_overwrite(parser)
 
 
@@ -90,16 +89,11 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
     return known[name]
 
 
-def camera_for(size: Size, fov_deg: float) -> Pinhole:
-    """Return a pinhole camera of a size and a horizontal field of view; ValueError for others."""
-    if not 1.0 <= fov_deg <= 150.0:
-        raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")
-    return centred_camera(*size, 0.5 * size[0] / np.tan(0.5 * np.radians(fov_deg)))
-
-
 def write_view(scene: Scene, T_map_camera: SE3, experience: Experience | None, arguments: argparse.Namespace) -> None:
     """Write the view from a pose as a picture."""
     output: Path = arguments.screenshot
-    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
+    width, height = arguments.size
+    camera = centred_camera(width, height, FOCAL * width)
+    view = scene.render(T_map_camera, camera, experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {view.image.shape[1]} x {view.image.shape[0]}, {100 * view.is_known.mean():.1f} % seen")

@@ -121,13 +121,13 @@ def whole(word: str, where: str) -> int:
 
 def read_pose(path: Path) -> SE3:
     """Return a pose from a file with a 4 x 4 matrix."""
-    return pose_of_matrix(read_numbers(path, 4, 4), path)
+    return pose_of_matrix(read_numbers(path, 4, 4).ravel(), path)
 
 
 def pose_of_matrix(values: Any, where: Path) -> SE3:
-    """Return the pose of 16 numbers, row by row."""
+    """Return the pose of 16 numbers, row by row; or the poses of rows of them."""
     with told_at(where):
-        return SE3.from_matrix(np.reshape(values, (4, 4)), tolerance=2e-3)
+        return SE3.from_matrix(np.reshape(values, (*np.shape(values)[:-1], 4, 4)), tolerance=2e-3)
 
 
 def pose_of_row(rows: Array, where: Path) -> SE3:

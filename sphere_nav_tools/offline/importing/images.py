@@ -93,13 +93,9 @@ def how_to_import(path: Path) -> list[str]:
     frames = open_frames(path, "")
     height, width = frames[0].read().shape[:2]
     what = f"{path}: {len(frames)} images of {width} x {height}; as a bag, to localise with:"
-    if width == 2 * height:
-        return [what, f"{words} --panorama", ALONE]
     lens = f"{words} --camera {width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}"
-    guess = (
-        "  with fx,fy,cx,cy of your lens in px (here: a guess by the size), or --rig rig.yaml (sphere_nav calibrate)"
-    )
-    return [what, lens, guess, ALONE]
+    guess = "  fx,fy,cx,cy in px are a guess by the size: give yours, or --rig rig.yaml (sphere_nav calibrate)"
+    return [what, *([f"{words} --panorama"] if width == 2 * height else [lens, guess]), ALONE]
 
 
 def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:

@@ -29,13 +29,12 @@ from sphere_nav_tools.offline.importing.recording import (
     Recording,
     camera_recording,
     rig_views,
-    with_truth_at,
+    with_truth,
 )
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
 # What the set's own projection of its clouds into its images has: x, y, z in m; roll, pitch, heading in deg
 BODY_LADYBUG = np.array([0.035, 0.002, -1.23, -179.93, -0.23, 0.50])
-DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose angles are in deg
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
@@ -51,12 +50,6 @@ def read_undistorted(lens: Lens, path: Path) -> Bytes:
     return np.asarray(cv2.remap(read_image(path), *lens, cv2.INTER_LINEAR), np.uint8)
 
 
-def mask_of(lens: Lens) -> Bytes:
-    """Return 255 (H, W) where the lens sees, 0 elsewhere."""
-    seen = cv2.remap(np.full(lens[0].shape, 255, np.uint8), *lens, cv2.INTER_NEAREST)
-    return np.asarray(cv2.erode(seen, np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)), np.uint8)
-
-
 def open_nclt(folder: Path) -> Recording:
     """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
     images, parts = require_folder(require_folder(folder) / "lb3"), []
@@ -69,14 +62,14 @@ def open_nclt(folder: Path) -> Recording:
         cameras[name.lower()] = of_folder(images / name, partial(read_undistorted, maps), is_stamped=True)
         height, width = maps[0].shape
         lens = Pinhole(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
-        T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)
+        T_base_camera = T_BASE_BODY @ pose_of(BODY_LADYBUG, degrees=True) @ pose_of(pose, degrees=True)
         parts.append(RigCamera(name.lower(), lens, T_base_camera))
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
     seen = camera_recording(rig_views(rig, cameras), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
-    seen = with_truth_at(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
+    seen = with_truth(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
     instants = []
     for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
@@ -86,22 +79,28 @@ def open_nclt(folder: Path) -> Recording:
 
 
 def _read_points(path: Path, stamp: int) -> PointCloud2:
-    return cloud_to_message(T_BASE_BODY.apply(read_velodyne(path)), stamp, RIG_FRAME)
+    """Return the points of a file of velodyne_sync, which are in the frame of the robot's body, z down."""
+    data = read_bytes(path, "cloud of NCLT", LIMITS["cloud"])
+    if len(data) % POINT.itemsize:
+        raise ValueError(f"{path}: expected points of {POINT.itemsize} bytes, found {len(data)} bytes")
+    points = np.frombuffer(data, POINT)["place"] * 0.005 - 100.0  # m
+    return cloud_to_message(T_BASE_BODY.apply(points), stamp, RIG_FRAME)
 
 
 def _write_rig(rig: Rig, lenses: dict[str, Lens], folder: Path) -> None:
     """Write rig.yaml, and beside it masks of what the undistorted images show."""
     parts = []
     for part in rig.cameras:
-        mask = folder / f"mask_{part.name}.png"
-        cv2.imwrite(str(mask), mask_of(lenses[part.name]))
+        mask, lens = folder / f"mask_{part.name}.png", lenses[part.name]
+        seen = cv2.remap(np.full(lens[0].shape, 255, np.uint8), *lens, cv2.INTER_NEAREST)
+        cv2.imwrite(str(mask), cv2.erode(seen, np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)))
         parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
     write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
 
 
-def pose_of(rows: Array) -> SE3:
-    """Return the poses of (..., 6): x, y, z (m), roll, pitch, heading (rad); R = Rz(heading) Ry(pitch) Rx(roll)."""
-    return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:]).as_matrix(), rows[..., :3])
+def pose_of(rows: Array, *, degrees: bool = False) -> SE3:
+    """Return the poses of (..., 6): x, y, z (m), roll, pitch, heading; R = Rz(heading) Ry(pitch) Rx(roll)."""
+    return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:], degrees).as_matrix(), rows[..., :3])
 
 
 def read_undistortion(path: Path) -> Lens:
@@ -117,14 +116,6 @@ def read_undistortion(path: Path) -> Lens:
         )
     rows, columns = (np.ascontiguousarray(table[:, at].reshape(height, width), np.float32) for at in (2, 3))
     return columns, rows
-
-
-def read_velodyne(path: Path) -> Array:
-    """Return the points (N, 3) in m of a file of velodyne_sync, in the frame of the robot's body, z down."""
-    data = read_bytes(path, "cloud of NCLT", LIMITS["cloud"])
-    if len(data) % POINT.itemsize:
-        raise ValueError(f"{path}: expected points of {POINT.itemsize} bytes, found {len(data)} bytes")
-    return np.frombuffer(data, POINT)["place"] * 0.005 - 100.0  # m
 
 
 def read_ground_truth(path: Path) -> Trajectory:

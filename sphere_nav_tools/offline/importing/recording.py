@@ -133,31 +133,22 @@ def pair_views(
     }
 
 
-def with_truth(recording: Recording, truth: str, poses: Sequence[SE3 | None]) -> Recording:
-    """Return the recording with the true poses of its instants; `truth`: where they come from."""
-    instants = [replace(one, T_map_link=pose) for one, pose in zip(recording.instants, poses, strict=True)]
-    return replace(recording, instants=instants, truth=truth if any(poses) else "")
-
-
-def with_truth_at(
+def with_truth(
     recording: Recording,
     source: str,
     truth: Trajectory | None,
-    max_gap_ns: int,
+    max_gap_ns: int = 0,
     T_pose_link: SE3 = T_OPTICAL_BODY,
 ) -> Recording:
-    """Return the recording with the true poses between the rows around each instant, where there are any so near.
+    """Return the recording with the true poses of its instants; `source`: where they come from.
 
-    T_pose_link takes them to those of the link; as it is, from those of an optical frame in a world with z up.
+    One between two rows counts where these are at most `max_gap_ns` apart. T_pose_link takes poses to those of the
+    link; as it is, from those of an optical frame in a world with z up.
     """
     if truth is None:
         return recording
-    found, known = truth.at([instant.stamp_ns for instant in recording.instants], max_gap_ns=max_gap_ns)
-    poses = iter(found.T_map_body.matrix)
-    links = [SE3(next(poses)) @ T_pose_link if is_known else None for is_known in known]
-    return with_truth(recording, source, links)
-
-
-def ahead_up(T_world_optical: SE3) -> SE3:
-    """Return where the body of a camera is, in a map with body axes, by its pose in a world with optical axes."""
-    return T_BODY_OPTICAL @ T_world_optical @ T_OPTICAL_BODY
+    found, known = truth.at([instant.stamp_ns for instant in recording.instants], max_gap_ns)
+    poses, instants = iter((found.T_map_body @ T_pose_link).matrix), list[Instant]()
+    for instant, is_known in zip(recording.instants, known, strict=True):
+        instants.append(replace(instant, T_map_link=SE3(next(poses)) if is_known else None))
+    return replace(recording, instants=instants, truth=source if known.any() else "")

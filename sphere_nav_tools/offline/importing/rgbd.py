@@ -32,11 +32,10 @@ from sphere_nav_tools.offline.importing.recording import (
     OPTICAL_FRAME,
     Recording,
     View,
-    ahead_up,
     camera_recording,
     with_truth,
-    with_truth_at,
 )
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
@@ -85,7 +84,7 @@ def open_seven_scenes(
     if not depths:
         raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
     T_depth_color = depth_camera[1].inverse() if is_truth_of_depth else SE3.identity()
-    colors, stamped, true_poses = Listed(), Listed(), []
+    colors, stamped, true_poses = Listed(), Listed(), list[SE3]()
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
         stamp = FIRST_STAMP_NS + round(whole(name.removeprefix("frame-"), str(depth)) * 1e9 / KINECT_HZ)
@@ -94,10 +93,11 @@ def open_seven_scenes(
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
         colors.append((stamp, color))
         stamped.append((stamp, depth))
-        true_poses.append(ahead_up(read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color))
+        true_poses.append(read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color)
     register = DepthRegistration(depth_camera[0], camera, depth_camera[1])
     recording = _rgbd(colors, stamped, camera, 1000.0, register)
-    return with_truth(recording, "frame-*.pose.txt", true_poses)
+    truth = trajectory_of([stamp for stamp, _ in stamped], true_poses).moved(T_BODY_OPTICAL)  # z of its world is ahead
+    return with_truth(recording, "frame-*.pose.txt", truth)
 
 
 def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
@@ -107,15 +107,15 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
         return _tum_pair(folder, camera, depth_units)
     recording = _rgbd(_read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt"), camera, depth_units)
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
-    return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
+    return with_truth(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
     stamps = {name: FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ) for index, name in enumerate(("prev", "curr"))}
     colors, depths = ([(stamps[n], folder / f"{kind}_{n}.png") for n in stamps] for kind in ("img", "dep"))
     paths = [folder / f"pose_{name}.txt" for name in stamps]
-    poses = [pose_of_row(read_numbers(path, 7)[0], path) @ T_BODY_OPTICAL.inverse() for path in paths]
-    return with_truth(_rgbd(colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", poses)
+    truth = trajectory_of([*stamps.values()], [pose_of_row(read_numbers(path, 7)[0], path) for path in paths])
+    return with_truth(_rgbd(colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", truth)
 
 
 def open_openloris(folder: Path) -> Recording:
@@ -132,7 +132,7 @@ def open_openloris(folder: Path) -> Recording:
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
     recording = _rgbd(colors, depths, camera, 1000.0)
     recording = replace(recording, T_base_link=T_base_optical @ T_BODY_OPTICAL.inverse())
-    return with_truth_at(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
+    return with_truth(recording, "groundtruth.txt", truth, 2 * MAX_PAIR_GAP_NS)
 
 
 def open_rover(folder: Path, camera: Pinhole) -> Recording:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.partial.window import full_width_for
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
-from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.conversions.stamps import SECOND
@@ -27,6 +28,7 @@ from sphere_nav_tools.offline.importing.files import (
 )
 from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, order_of
 from sphere_nav_tools.offline.importing.recording import Instant, Recording, with_truth
+from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 SPHERE_FRAME = "sphere_link"
 NUM_SENSORS = 8
@@ -71,19 +73,20 @@ def _open_ring(folder: Path) -> Recording:
 
     known, file = _gicp_poses(folder, names)
     T_rig_sphere = stitcher.T_rig_sphere
-    moved = [T and T_rig_sphere.inverse() @ T @ T_rig_sphere for T in known]
-    return with_truth(sphere_recording(_seconds(names), sphere), file, moved)
+    truth = known and known.moved(T_rig_sphere.inverse())
+    return with_truth(sphere_recording(_seconds(names), sphere), file, truth, T_pose_link=T_rig_sphere)
 
 
-def _gicp_poses(folder: Path, names: list[Path]) -> tuple[list[SE3 | None], str]:
+def _gicp_poses(folder: Path, names: list[Path]) -> tuple[Trajectory | None, str]:
     """Return the poses of two spheres from gicp_T_<first>_<second>.txt, relative to the first."""
     plain = [name.name.replace("_", "") for name in names]
     for path in sorted(folder.glob("gicp_T_*_*.txt")):
         first, _, second = path.stem.removeprefix("gicp_T_").partition("_")
         if first in plain and second in plain:
-            known = {first: SE3.identity(), second: T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()}
-            return [known.get(name) for name in plain], path.name
-    return [None] * len(names), ""
+            poses = {first: SE3.identity(), second: T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()}
+            told = [(at, poses[name]) for name, at in zip(plain, _seconds(names), strict=True) if name in poses]
+            return trajectory_of(*zip(*told, strict=True)), path.name
+    return None, ""
 
 
 def _open_equirectangular(folder: Path) -> Recording:
@@ -101,10 +104,11 @@ def _open_equirectangular(folder: Path) -> Recording:
     recording, truth = sphere_recording(_seconds(names), sphere), folder / "poses.tum"
     if not truth.is_file():
         return recording
-    poses = read_tum(truth).T_map_body.matrix
-    if len(poses) != len(names):
-        raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(poses)}")
-    return with_truth(recording, truth.name, [SE3(matrix) for matrix in poses])
+    told = read_tum(truth)
+    if len(told) != len(names):
+        raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(told)}")
+    told = replace(told, stamps_ns=np.array(_seconds(names)))
+    return with_truth(recording, truth.name, told, T_pose_link=SE3.identity())
 
 
 def _seconds(names: list[Path]) -> list[int]:

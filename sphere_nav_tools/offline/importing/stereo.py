@@ -18,6 +18,7 @@ from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.files.opencv_file import load_opencv
 from sphere_nav.geometry.files.untrusted import choice, number, read_as, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, MAX_PAIR_GAP_NS
 from sphere_nav_tools.offline.importing.files import (
     Matrix,
@@ -35,11 +36,9 @@ from sphere_nav_tools.offline.importing.files import (
 from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed, of_folder
 from sphere_nav_tools.offline.importing.recording import (
     Recording,
-    ahead_up,
     camera_recording,
     pair_views,
     with_truth,
-    with_truth_at,
 )
 
 FOLDERS = {
@@ -87,8 +86,10 @@ def open_kitti(folder: Path) -> Recording:
     recording = camera_recording(views, max_gap_ns=MAX_PAIR_GAP_NS)
     if poses is None:
         return recording
-    matrices = (np.vstack([row.reshape(3, 4), (0, 0, 0, 1)]) for row in poses)  # of a world whose z points ahead
-    return with_truth(recording, "poses.txt", [ahead_up(SE3.from_matrix(matrix)) for matrix in matrices])
+    matrices = np.concatenate([poses, np.tile((0.0, 0.0, 0.0, 1.0), (len(poses), 1))], axis=1)
+    T_ahead_left = pose_of_matrix(matrices, folder / "poses.txt")  # in a world whose z points ahead
+    truth = trajectory(np.array(stamps), T_BODY_OPTICAL @ T_ahead_left, folder / "times.txt")
+    return with_truth(recording, "poses.txt", truth)
 
 
 def open_euroc(folder: Path) -> Recording:
@@ -122,7 +123,7 @@ def _stereo(
     """Return a recording of pairs named by their stamps; the truth is that of the left camera's optical frame."""
     pair = [of_folder(require_folder(at), is_stamped=True) for at in folders]
     recording = camera_recording(pair_views(pair, lenses, T_left_right), max_gap_ns=MAX_PAIR_GAP_NS)
-    return with_truth_at(recording, name, truth, MAX_TRUTH_GAP_NS)
+    return with_truth(recording, name, truth, MAX_TRUTH_GAP_NS)
 
 
 def _projection(path: Path, index: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.estimation.gates import gate, squared_distance
-from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
@@ -25,18 +26,10 @@ from sphere_nav_tools.offline.constants import (
     MAX_LOST,
     SURVEY_SIGMA,
 )
-from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS
+from sphere_nav_tools.offline.evaluation import MAX_TRUTH_GAP_NS, TRUTH_TOPICS, align_at
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
 from sphere_nav_tools.offline.pose_bags import find_topic, read_poses, trajectory_of
 from sphere_nav_tools.offline.registering import REMEDY
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """True poses; `is_base` where they are the vehicle's, not the camera's."""
-
-    poses: Trajectory
-    is_base: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,29 +75,19 @@ class MappedDrive:
         graph = self.mapper.graph
         if anchor == "first":
             return SE3.identity(), graph, []
-        truth = read_truth(source)
+        truth = read_truth(source, self.mount)
         with told_at(source, BagError):
-            T_fitted_map = self.fit(truth)
+            T_fitted_map, _ = align_at(trajectory_of(*zip(*self.mapper.trajectory(), strict=True)), truth, "poses")
         graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
         if anchor == "truth":
             return T_fitted_map, graph, []
-        mount = self.mount
-        T_pose_sphere = mount.T_base_sphere if truth.is_base else mount.T_sphere_body.inverse()
-        surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
+        surveyed = move_to_truth(graph, truth)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
-
-    def fit(self, truth: Truth) -> SE3:
-        """Return T_truth_map that fits the spheres best, so that no single true pose decides; ValueError: no truth."""
-        mine = self.trajectory(is_base=truth.is_base)
-        at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
-        if not known.any():
-            raise ValueError(f"{' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none")
-        return fit_poses(at.T_map_body, mine.T_map_body[known])
 
     @property
     def loss(self) -> str:
         """One line where most spheres were lost and what would help, else nothing."""
-        total = self.num_lost + len(self.trajectory(is_base=False))
+        total = self.num_lost + len(self.mapper.tracks)
         if self.num_lost <= MAX_LOST * total:
             return ""
         return (
@@ -123,27 +106,20 @@ class MappedDrive:
         return lines + [f"refused: {self.refusal}"] * bool(self.refusal)
 
 
-def read_truth(path: Path) -> Truth:
-    """Return the true poses of a bag; BagError where it has none."""
+def read_truth(path: Path, mount: CameraMount) -> Trajectory:
+    """Return the true poses of the spheres of a camera, by those of the vehicle or of the camera; BagError: none."""
     with BagReader(path) as bag:
         topic = find_topic(bag, TRUTH_TOPICS) or TRUTH_TOPICS[0]
-    return Truth(read_poses(path, (topic,)), is_base=topic.endswith("odometry"))
+    told = read_poses(path, (topic,))
+    T_pose_sphere = mount.T_base_sphere if topic.endswith("odometry") else mount.T_sphere_body.inverse()
+    return Trajectory(told.stamps_ns, told.T_map_body @ T_pose_sphere)
 
 
-def fit_poses(theirs: SE3, ours: SE3) -> SE3:
-    """Return T_theirs_ours that brings poses (N,) together best: rotations by their mean, then positions."""
-    R = so3.nearest_rotations(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
-    return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
-
-
-def move_to_truth(graph: SphereGraph, truth: Trajectory, T_pose_sphere: SE3) -> SphereGraph:
+def move_to_truth(graph: SphereGraph, truth: Trajectory) -> SphereGraph:
     """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
-    poses = {}
-    for node in graph:
-        at, known = truth.at([node.stamp_ns], max_gap_ns=round(1e9))
-        if known.all():
-            poses[node.id] = at.T_map_body[0] @ T_pose_sphere
-    return graph.with_poses(poses)
+    at, known = truth.at([node.stamp_ns for node in graph], MAX_TRUTH_GAP_NS)
+    ids = compress((node.id for node in graph), known)
+    return graph.with_poses({node_id: at.T_map_body[index] for index, node_id in enumerate(ids)})
 
 
 def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: Path) -> list[str]:

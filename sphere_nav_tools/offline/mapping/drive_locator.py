@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,19 +31,6 @@ from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.constants import MIN_EXPLAINED_SHARE, PATIENCE_S
 
 
-class ObservedMapper(Mapper):
-    """Tells `observe` of every sphere as it was mapped."""
-
-    observe: Callable[[Mapper, Sphere, MapUpdate], None]
-
-    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
-        """Map one sphere, and tell of it, straightened by its motion."""
-        update = super().add(sphere, odometry, unroll)
-        last = self._tracker.last if update.T_map_sphere is not None else None
-        self.observe(self, last.sphere if last is not None else sphere, update)
-        return update
-
-
 @dataclass
 class Seen:
     """What a map was to a sphere of a drive: where it was in it, and the share 0...1 that the map does not show."""
@@ -55,38 +41,41 @@ class Seen:
     is_explained: bool = False
 
 
-class DriveLocator:
-    """Told of every sphere by the mapper; its own motion is the odometry of the localiser."""
+def drive_localizer(base: MapReader) -> Localizer:
+    """Return what localises the spheres of a drive in a map."""
+    params = LocalizerParams(
+        input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
+    )
+    return Localizer(params, base)
 
-    def __init__(self, base: MapReader) -> None:
-        params = LocalizerParams(
-            input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
-        )
-        self.base, self._localizer = base, Localizer(params, base)
+
+class LocatedMapper(Mapper):
+    """Localises every sphere that it maps in a map, by its own motion as odometry.
+
+    Its key spheres are numbered behind those of the map.
+    """
+
+    def __init__(self, base: MapReader, localizer: Localizer, *words: Any, **named: Any) -> None:
+        super().__init__(*words, **named)
+        self.first_id = max(base.graph.nodes) + 1
+        self.base, self._localizer = base, localizer
         self._seen: dict[int, Seen] = {}  # by the stamp
         self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
         self._small = CompactSpheres()
-        self._T_odom_graph, self._num_loops = SE3.identity(), 0
-        self._last: tuple[Mapper, SE3] | None = None
+        self._T_odom_sphere = SE3.identity()
         self.served: dict[int, Service] = {}
 
-    def close(self) -> None:
-        """End the threads of the localiser."""
-        self._localizer.references.close()
+    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
+        """Map one sphere, and localise it, straightened by its motion."""
+        update = super().add(sphere, odometry, unroll)
+        if sphere.stamp_ns not in self._seen:
+            last = self._tracker.last if update.T_map_sphere is not None else None
+            self._observe(last.sphere if last is not None else sphere, update)
+        return update
 
-    def mapper(self, *words: Any, **named: Any) -> Mapper:
-        """Return a mapper that tells of its spheres, whose key spheres are numbered behind those of the map."""
-        mapper = ObservedMapper(*words, **named)
-        mapper.observe, mapper.first_id = self.observe, max(self.base.graph.nodes) + 1
-        return mapper
-
-    def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
-        """Localise a sphere of the drive."""
+    def _observe(self, sphere: Sphere, update: MapUpdate) -> None:
         stamp_ns = sphere.stamp_ns
-        T_odom_sphere = self._odometry(mapper, update)
-        estimate = self._localizer.update(sphere.gray, sphere.camera, stamp_ns, T_odom_sphere)
-        if stamp_ns in self._seen:
-            return
+        estimate = self._localizer.update(sphere.gray, sphere.camera, stamp_ns, self._odometry(update))
         self._seen[stamp_ns] = seen = Seen(self._locate(estimate), len(self._seen))
         self._probation[stamp_ns] = estimate
         if estimate.status.state is not State.PROBATION:
@@ -104,21 +93,21 @@ class DriveLocator:
         """
         return self._seen[stamp_ns].lack if stamp_ns in self._seen else 1.0
 
-    def images(self, mapper: Mapper) -> list[DriveSphere]:
+    def images(self) -> list[DriveSphere]:
         """Return the spheres of the drive that were placed in it."""
         return [
             DriveSphere(track, seen.found, partial(self._small.__getitem__, seen.number))
-            for track in mapper.tracks
+            for track in self.tracks
             if (seen := self._seen.get(track.stamp_ns)) is not None
         ]
 
-    def unexplained(self, mapper: Mapper) -> set[int]:
+    def unexplained(self) -> set[int]:
         """Return the key spheres of the drive most of whose images the map did not explain.
 
         A sphere sees all around: it is tracked where one camera is not. So it must resemble the map, too.
         """
-        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks}
-        key_of |= {node.stamp_ns: node.id for node in mapper.graph}
+        key_of = {track.stamp_ns: track.key_id for track in self.tracks}
+        key_of |= {node.stamp_ns: node.id for node in self.graph}
         told = defaultdict[int, list[bool]](list)
         for stamp_ns in self._seen.keys() & key_of.keys():
             told[key_of[stamp_ns]].append(self._seen[stamp_ns].is_explained)
@@ -136,19 +125,13 @@ class DriveLocator:
             self._seen[stamp_ns].lack = 1.0 - max(ncc, 0.0)
             self._seen[stamp_ns].is_explained = is_alike(estimate)
 
-    def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
-        """Return the pose of a sphere in a frame that loops do not move."""
-        if update.T_map_sphere is None or not mapper.tracks:
+    def _odometry(self, update: MapUpdate) -> SE3 | None:
+        """Return the pose of a sphere in a frame that loops do not move: by the motion since the one before."""
+        if update.T_map_sphere is None:
             return None
-        if mapper.num_loops != self._num_loops and len(mapper.tracks) > 1 and self._last is not None:
-            before = mapper.tracks[-2]
-            T_graph_before = mapper.graph[before.key_id].T_map_sphere @ before.T_key_sphere
-            self._T_odom_graph = self._last[1] @ T_graph_before.inverse()
-        self._num_loops = mapper.num_loops
-        newest = mapper.tracks[-1]
-        T_odom_sphere = self._T_odom_graph @ mapper.graph[newest.key_id].T_map_sphere @ newest.T_key_sphere
-        self._last = mapper, T_odom_sphere
-        return T_odom_sphere
+        latest = [self.graph[track.key_id].T_map_sphere @ track.T_key_sphere for track in self.tracks[-2:]]
+        self._T_odom_sphere = self._T_odom_sphere @ latest[0].inverse() @ latest[-1]
+        return self._T_odom_sphere
 
     def _locate(self, estimate: CameraEstimate) -> Localized | None:
         status = estimate.status

@@ -11,7 +11,6 @@ import numpy as np
 from sphere_mapping.experiences.joining import join_drive
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.verification import Run
-from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags import BagError
@@ -20,7 +19,7 @@ from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import Service, with_service
-from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
+from sphere_nav_tools.offline.mapping.drive_locator import LocatedMapper
 
 
 def open_base(path: Path, output: Path, rig: str) -> MapReader:
@@ -42,26 +41,27 @@ def open_base(path: Path, output: Path, rig: str) -> MapReader:
 
 
 def extend(
-    base: MapReader, mapper: Mapper, locator: DriveLocator, T_map_start: SE3 | None = None, run: Run = map
+    mapper: LocatedMapper, T_map_start: SE3 | None = None, run: Run = map
 ) -> tuple[AppearanceIndex, str, set[int]]:
     """Move what was mapped into the frame of the map, both in one graph; BagError where nothing says where it was.
 
     Return what all key spheres of the joint map look like, what is told of the joining, and the new ones by id.
     """
+    base = mapper.base
     known = Submap(base.graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
     for node in drive.graph:
         if node.id not in drive.index.features:  # nobody has looked at it yet
             drive.index.add(node.id, features_of_sphere(drive.load(node.id)))
-    new = locator.unexplained(mapper)
-    joined = join_drive(known, drive, locator.images(mapper), T_map_start, run)
+    new = mapper.unexplained()
+    joined = join_drive(known, drive, mapper.images(), T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
     lacking: defaultdict[int, float] = defaultdict(float)  # what the map does not show of the images of a key sphere
     for track in mapper.tracks:
-        lacking[track.key_id] += locator.lacking(track.stamp_ns)
+        lacking[track.key_id] += mapper.lacking(track.stamp_ns)
     own = {node.id: Service(lacking[node.id], node.stamp_ns) for node in drive.graph}
-    mapper.graph = with_service(joined.graph, locator.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
+    mapper.graph = with_service(joined.graph, mapper.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     told = f"joined to {base.path}: {joined.told}; {len(new)} of {len(drive.graph)} key spheres show what it did not"

@@ -11,8 +11,8 @@ import argparse
 import shlex
 import shutil
 import sys
-from collections.abc import Iterable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from functools import partial
 from itertools import chain
 from typing import cast
@@ -30,7 +30,7 @@ from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import Experience
 from sphere_nav_tools.offline.mapping.drive import MappedDrive
-from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
+from sphere_nav_tools.offline.mapping.drive_locator import LocatedMapper, drive_localizer
 from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
 from sphere_nav_tools.offline.mapping.plan import make_recipe
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
@@ -51,48 +51,47 @@ def learn(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
         recipe = make_recipe(arguments, rig)
-        locator = stack.enter_context(closing(DriveLocator(base))) if base is not None else None
+        kind: Callable[..., Mapper] = Mapper
+        if base is not None:
+            localizer = drive_localizer(base)
+            stack.callback(localizer.references.close)
+            kind = partial(LocatedMapper, base, localizer)
         writer = MapWriter(arguments.output.with_name(arguments.output.name + DRIVE), recipe.details)
         try:
             with Workers(arguments.jobs, arguments.scheduler) as workers:
-                return map_drive(arguments, recipe, writer, locator, workers)
+                return map_drive(arguments, recipe, writer, kind, workers)
         except (ValueError, OSError, KeyboardInterrupt) as error:
             return keep(writer, error)
 
 
 def map_drive(
-    arguments: argparse.Namespace, recipe: Recipe, writer: MapWriter, locator: DriveLocator | None, workers: Workers
+    arguments: argparse.Namespace, recipe: Recipe, writer: MapWriter, kind: Callable[..., Mapper], workers: Workers
 ) -> int:
-    """Map a drive, complete the map; `locator`: of the map that is extended."""
-    make = partial(Mapper if locator is None else locator.mapper, store=writer, features=CompactFeatures())
+    """Map a drive by a kind of mapper, complete the map."""
+    make = partial(kind, store=writer, features=CompactFeatures())
     drive = replay_mapper(recipe, make, workers.executor if recipe.stitcher else None)
     if not drive.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
     writer.finish(drive.mapper.graph, appearance=drive.mapper.appearance)
     with open_map(writer.path) as mapped:
-        status = finish_map(arguments, drive, mapped, locator, workers)
+        status = finish_map(arguments, drive, mapped, workers)
     shutil.rmtree(writer.path)
     return status
 
 
-def finish_map(
-    arguments: argparse.Namespace,
-    drive: MappedDrive,
-    mapped: MapReader,
-    locator: DriveLocator | None,
-    workers: Workers,
-) -> int:
+def finish_map(arguments: argparse.Namespace, drive: MappedDrive, mapped: MapReader, workers: Workers) -> int:
     """Close loops, join the drive to a map, anchor it, complete the map; `mapped`: the drive alone."""
-    mapper, told, known = drive.mapper, list[str](), None if locator is None else locator.base
+    mapper, told, known = drive.mapper, list[str](), None
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
     mapper.graph = with_experience(mapper.graph, describe_drive(arguments, drive), mapper.graph.nodes)
     index, new = mapper.appearance, set[int]()
-    if known is not None and locator is not None:
+    if isinstance(mapper, LocatedMapper):
+        known = mapper.base
         start = place_start(known, arguments.start, drive.mount.T_base_sphere) if arguments.start else None
-        index, words, new = extend(known, mapper, locator, start, workers.run)
+        index, words, new = extend(mapper, start, workers.run)
         told, stored = [words], known.stored()
         source, frame = f"{known.info.source} + {source}", known.info.header.frame_id
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, arguments.bag)

@@ -10,23 +10,22 @@ import numpy as np
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
-from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.files.untrusted import read_npy
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.files import read_meters, read_rgb, require_size
 from sphere_nav_tools.offline.mapping.instants import collect
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
-def read_sphere(word: str, arguments: argparse.Namespace, params: MapperParams) -> Sphere:
+def read_sphere(word: str, arguments: argparse.Namespace) -> Sphere:
     """Return the sphere that a word names: PATH:NUMBER, IMAGE,DEPTH or LEFT,RIGHT; `arguments` as of `register`."""
     first, comma, second = word.partition(",")
     if comma:
-        return _from_files(Path(first), Path(second), arguments, params)
+        return _from_files(Path(first), Path(second), arguments)
     path, separator, number = word.rpartition(":")
     if not separator or not number.isdigit():
         raise ValueError(f"{word}: expected PATH:NUMBER or two files with a comma between, found neither")
@@ -53,7 +52,7 @@ def _of_bag(path: Path, number: int, arguments: argparse.Namespace) -> Sphere:
     raise BagError(f"{path}: expected instant {number}, found {count}{reason}")
 
 
-def _from_files(first: Path, second: Path, arguments: argparse.Namespace, params: MapperParams) -> Sphere:
+def _from_files(first: Path, second: Path, arguments: argparse.Namespace) -> Sphere:
     if arguments.camera is None:
         raise ValueError("--camera: expected FX,FY,CX,CY for image files, found none")
     image = read_rgb(first)
@@ -61,11 +60,10 @@ def _from_files(first: Path, second: Path, arguments: argparse.Namespace, params
     if arguments.baseline is not None:
         right = read_rgb(second)
         require_size(second, right, camera)
-        pair = image, right, camera, arguments.baseline
-        return sphere_from_stereo(*pair, T_BODY_OPTICAL, 0, params.stereo, params.partial)
+        return sphere_from_stereo(image, right, camera, arguments.baseline)
     if second.suffix == ".npy":
         depth_m = np.asarray(read_npy(second, "array of depths"), dtype=np.float32)
     else:
         depth_m = read_meters(second, arguments.depth_units)
     require_size(second, depth_m, camera)
-    return sphere_from_rgbd(image, depth_m, camera, T_BODY_OPTICAL, 0, params.partial)
+    return sphere_from_rgbd(image, depth_m, camera)

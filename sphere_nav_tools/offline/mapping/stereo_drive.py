@@ -12,7 +12,7 @@ from sphere_mapping.acquisition.constants import NUM_VIEWS
 from sphere_mapping.acquisition.stereo.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
-from sphere_mapping.acquisition.stereo.track_fit import ColumnFit, Window, fit_columns
+from sphere_mapping.acquisition.stereo.track_fit import Window, fit_columns
 from sphere_mapping.ros.stereo_intake import describe_rows
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.spheres.sphere import to_gray_bytes
@@ -40,17 +40,11 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     geometry, rows = pair.geometry, pair.fit
     _, words = describe_rows(pair, node.params.mapper.stereo.calibration_px)
     found = fit_columns(geometry.camera, geometry.baseline_m, windows)
-    correction, disparity = StereoField(), "disparity as told"
+    correction, disparity = StereoField(), "as told"
     if rows is not None and rows.is_significant:
         correction = replace(correction, rows=tuple(rows.rows))
     if found is not None and found.is_significant:
-        correction, disparity = replace(correction, columns=tuple(found.columns)), describe_disparity(found)
-    return StereoPair(geometry, correction, rows), f"stereo: {words}; {disparity}"
-
-
-def describe_disparity(found: ColumnFit) -> str:
-    """Return what is off in the disparity in words."""
-    value, sigma = found.columns[0], np.sqrt(found.covariance[0, 0])
-    return (
-        f"disparity too small by {value:.2f} +- {sigma:.2f} px in the middle, by {found.num_tracks} corners, corrected"
-    )
+        correction, off = replace(correction, columns=tuple(found.columns)), found.columns[0]
+        told = f"{off:.2f} +- {np.sqrt(found.covariance[0, 0]):.2f} px in the middle, by {found.num_tracks} corners"
+        disparity = f"too small by {told}, corrected"
+    return StereoPair(geometry, correction, rows), f"stereo: {words}; disparity {disparity}"

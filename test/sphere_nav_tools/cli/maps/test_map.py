@@ -11,7 +11,6 @@ import pytest
 from sensor_msgs.msg import Imu
 
 from mcl_depth.geometry.ply import read_ply
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 from sphere_nav.ros.bags import BagWriter
@@ -207,11 +206,11 @@ def test_a_pair_that_cannot_be_one_is_refused_in_a_line(tmp_path, capsys):
 def test_a_motion_may_be_large_and_a_wrong_one_is_not_converged():
     T = SE3.from_planar(1.2, -0.7, 1.3)
     a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)
-    found = register_spheres(a, b, SE3.identity(), MapperParams())
+    found = register_spheres(a, b, SE3.identity())
     assert found.is_converged
     assert found.T_a_b.translation == pytest.approx(T.translation, abs=0.01)
     wrong = replace(b, range_m=(2.0 * b.range_m).astype(np.float32))
-    refused = register_spheres(a, wrong, SE3.identity(), MapperParams())
+    refused = register_spheres(a, wrong, SE3.identity())
     assert not refused.is_converged
     assert refused.reason
     assert "odometry" in describe_refusal(refused.reason)

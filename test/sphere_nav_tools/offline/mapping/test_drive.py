@@ -14,19 +14,18 @@ from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping import drive as mapped
 from sphere_nav_tools.offline.mapping import stereo_drive
-from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe, Truth, check_survey, move_to_truth, read_truth
+from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe, check_survey, move_to_truth, read_truth
 from sphere_nav_tools.offline.mapping.extension import place_start
 from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
 from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
-from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
 from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
 
@@ -36,20 +35,16 @@ T_TRUTH_MAP = SE3.exp([3.0, -2.0, 0.5, 0.0, 0.0, 1.0])
 
 
 def laid_out(poses):
-    return Truth(trajectory_of(STAMPS, [T_TRUTH_MAP @ pose for pose in poses]), is_base=False)
+    return trajectory_of(STAMPS, [T_TRUTH_MAP @ pose for pose in poses])
 
 
 @pytest.fixture
 def drive():
-    mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
+    mapper = SimpleNamespace(
+        trajectory=lambda: zip(STAMPS, WAY, strict=True), tracks=STAMPS, graph=[None] * 3, num_loops=1
+    )
     mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
     return MappedDrive(SimpleNamespace(stereo=""), mapper, mount, num_lost=2)
-
-
-def test_a_drive_is_laid_on_its_truth_by_all_poses(drive):
-    np.testing.assert_allclose(drive.fit(laid_out(WAY)).matrix, T_TRUTH_MAP.matrix, atol=1e-9)
-    off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
-    assert float(drive.fit(laid_out(off)).distance(T_TRUTH_MAP)[0]) < 0.015
 
 
 def test_a_summary_counts_spheres_and_what_was_refused(drive):
@@ -71,7 +66,7 @@ def test_a_drive_that_is_lost_says_so(drive):
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):
     graph = SphereGraph([KeySphere(k, stamp, pose) for k, (stamp, pose) in enumerate(zip(STAMPS, WAY, strict=True))])
     drive.mapper.graph, here = graph, Path("here/drive")
-    monkeypatch.setattr(mapped, "read_truth", lambda path: laid_out(WAY))
+    monkeypatch.setattr(mapped, "read_truth", lambda path, mount: laid_out(WAY))
     T, found, warnings = drive.anchor_graph("first", here)
     assert (T.matrix.tolist(), warnings) == (np.eye(4).tolist(), [])
     assert found is graph
@@ -79,38 +74,39 @@ def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatc
     np.testing.assert_allclose(T.matrix, T_TRUTH_MAP.matrix, atol=1e-9)
     for node in found:  # the graph moves as a whole
         np.testing.assert_allclose(node.T_map_sphere.matrix, (T @ WAY[node.id]).matrix, atol=1e-12)
-    monkeypatch.setattr(mapped, "move_to_truth", lambda graph, truth, T: graph.with_poses({0: SE3.identity()}))
+    monkeypatch.setattr(mapped, "move_to_truth", lambda graph, truth: graph.with_poses({0: SE3.identity()}))
     monkeypatch.setattr(mapped, "check_survey", lambda aligned, surveyed, source: [source])
     T, found, warnings = drive.anchor_graph("survey", here)
     assert warnings == [here]
     np.testing.assert_array_equal(found[0].T_map_sphere.matrix, np.eye(4))
-    late = Trajectory(laid_out(WAY).poses.stamps_ns + 10**12, laid_out(WAY).poses.T_map_body)
-    monkeypatch.setattr(mapped, "read_truth", lambda path: Truth(late, is_base=False))
-    with pytest.raises(BagError, match="here/drive: ground_truth/pose or ground_truth/odometry: expected poses"):
+    off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
+    monkeypatch.setattr(mapped, "read_truth", lambda path, mount: laid_out(off))
+    assert float(drive.anchor_graph("truth", here)[0].distance(T_TRUTH_MAP)[0]) < 0.015
+    late = replace(laid_out(WAY), stamps_ns=laid_out(WAY).stamps_ns + 10**12)
+    monkeypatch.setattr(mapped, "read_truth", lambda path, mount: late)
+    with pytest.raises(BagError, match="here/drive: stamps: expected some in common to align by, found 1"):
         drive.anchor_graph("truth", here)
 
 
 def test_a_true_pose_of_the_base_is_not_taken_for_one_of_the_camera(tmp_path):
     write_bag(tmp_path / "base", truth_of_base, numbers=range(2))
     write_bag(tmp_path / "none", stereo, numbers=range(1))
-    assert read_truth(tmp_path / "base").is_base
+    mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.1, 0.3), SE3.from_planar(0.0, 0.2, 0.1))
+    told = read_poses(tmp_path / "base", ("ground_truth/odometry",)).T_map_body
+    found = read_truth(tmp_path / "base", mount).T_map_body
+    np.testing.assert_allclose(found.matrix, (told @ mount.T_base_sphere).matrix)
     with pytest.raises(BagError, match="none: expected topic /ground_truth/pose"):
-        read_truth(tmp_path / "none")
+        read_truth(tmp_path / "none", mount)
 
 
 def test_key_spheres_move_to_their_true_poses_where_these_are_known():
     stamps = np.array([0, 1, 2, 4]) * 10**9
     truth = trajectory_of(stamps, [SE3.from_planar(float(x), 1.0, 0.5) for x in (0, 1, 2, 4)])
     nodes = [KeySphere(k, int(s * 1e9), SE3.from_planar(9.0, 9.0, 0.0)) for k, s in enumerate((0.5, 2.0, 3.0, 7.0))]
-    T_base_sphere = SE3.exp([0.2, 0.0, 1.0, 0.0, 0.0, 0.1])
-    for is_base in (False, True):
-        T_pose_sphere = T_base_sphere if is_base else SE3.identity()
-        found = move_to_truth(SphereGraph(nodes), truth, T_pose_sphere)
-        expected = SE3.from_planar(0.5, 1.0, 0.5) @ T_pose_sphere
-        np.testing.assert_allclose(found[0].T_map_sphere.matrix, expected.matrix, atol=1e-9)
-        assert found[1].T_map_sphere.translation[0] != 9.0
-        for lost in (2, 3):  # between rows two seconds apart, and behind the last
-            assert found[lost].T_map_sphere.translation[0] == 9.0
+    found = move_to_truth(SphereGraph(nodes), truth)
+    np.testing.assert_allclose(found[0].T_map_sphere.matrix, SE3.from_planar(0.5, 1.0, 0.5).matrix, atol=1e-9)
+    # the last two: between rows two seconds apart, and behind the last
+    assert [node.T_map_sphere.translation[0] == 9.0 for node in found] == [False, False, True, True]
 
 
 SIGMA = np.repeat([0.004, 0.001], 3)

@@ -19,7 +19,7 @@ from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
+from sphere_nav_tools.offline.mapping.drive_locator import LocatedMapper, drive_localizer
 from sphere_nav_tools.offline.mapping.thinning import thin_map
 from worlds.commands import call
 from worlds.maps import load_all
@@ -192,20 +192,20 @@ def known_room(tmp_path_factory):
 
 
 def locate(reader, *rooms):
-    """Return mapper and locator after a drive through rooms, one after the other, the last one to the end."""
-    locator = DriveLocator(reader)
-    mapper = locator.mapper(PARAMS)
+    """Return the mapper after a drive through rooms, one after the other, the last one to the end."""
+    localizer = drive_localizer(reader)
+    mapper = LocatedMapper(reader, localizer, PARAMS)
     for number, pose in enumerate(WAY):
         room = rooms[min(number, len(rooms) - 1)]
         mapper.add(replace(room.sphere(pose, SMALL, 50 + number), stamp_ns=10**9 + number * 10**8))
-    locator.close()
-    return mapper, locator
+    localizer.references.close()
+    return mapper
 
 
 def test_a_drive_that_the_map_explains_is_placed_and_adds_nothing(known_room):
     with open_map(known_room) as reader:
-        mapper, locator = locate(reader, sharp_room())
-        images = locator.images(mapper)
+        mapper = locate(reader, sharp_room())
+        images = mapper.images()
         assert len(images) == len(WAY)
         sure = [(image, pose) for image, pose in zip(images, WAY, strict=True) if image.located is not None]
         assert len(sure) >= 4  # the first ones are in probation
@@ -213,8 +213,8 @@ def test_a_drive_that_the_map_explains_is_placed_and_adds_nothing(known_room):
             T_map_sphere = reader.graph[image.located.a].T_map_sphere @ image.located.T_a_sphere
             assert T_map_sphere.distance(pose)[0] < 0.01
             assert image.load_small().stamp_ns == image.track.stamp_ns
-        assert locator.unexplained(mapper) == set()
-        assert sum(one.num_images for one in locator.served.values()) == len(WAY)  # in probation, too
+        assert mapper.unexplained() == set()
+        assert sum(one.num_images for one in mapper.served.values()) == len(WAY)  # in probation, too
 
 
 class HalfNew:
@@ -229,7 +229,7 @@ class HalfNew:
 @pytest.mark.slow
 def test_a_place_that_is_tracked_but_looks_different_is_new(known_room):
     with open_map(known_room) as reader:
-        mapper, locator = locate(reader, HalfNew())
-        assert sum(image.located is not None and image.located.is_sure for image in locator.images(mapper)) >= 4
-        assert locator.unexplained(mapper) == set(mapper.graph.nodes)
-        assert all(0.2 < locator.lacking(image.track.stamp_ns) < 0.8 for image in locator.images(mapper))
+        mapper = locate(reader, HalfNew())
+        assert sum(image.located is not None and image.located.is_sure for image in mapper.images()) >= 4
+        assert mapper.unexplained() == set(mapper.graph.nodes)
+        assert all(0.2 < mapper.lacking(image.track.stamp_ns) < 0.8 for image in mapper.images())
