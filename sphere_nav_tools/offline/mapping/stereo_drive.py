@@ -27,24 +27,24 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     Corners are followed through windows of consecutive pairs, spread over the drive.
     """
     number = min(bag.topics[remap["left/image_raw"]].count, MAX_PAIRS)
-    step, windows, images, pair = max(number // MAX_WINDOWS, NUM_VIEWS - 1), list[Window](), list[Any](), None
+    step, windows, images, pair = max(number // MAX_WINDOWS, NUM_VIEWS - 1), list[Window | None](), list[Any](), None
     node, pairs = collect(bag, values, remap, PairCollector)
-    for index, (left, right, pair) in enumerate(progress("stereo", "pair", islice(pairs, number), number)):
+    for index, found in enumerate(progress("stereo", "pair", islice(pairs, number), number)):
+        left, right, pair = found
         images += [(to_gray_bytes(left), to_gray_bytes(right))] * (index % step < NUM_VIEWS)
         if len(images) == NUM_VIEWS:
-            window = follow_window(pair.geometry.camera, pair.geometry.baseline_m, *zip(*images, strict=True))
-            windows += [window] if window is not None else []
+            windows.append(follow_window(*zip(*images, strict=True)))
             images = []
     if pair is None:
         return None, ""
     geometry, rows = pair.geometry, pair.fit
     _, words = describe_rows(pair, node.params.mapper.stereo.calibration_px)
-    found = fit_columns(geometry.camera, geometry.baseline_m, windows)
+    fit = fit_columns(geometry.camera, geometry.baseline_m, [one for one in windows if one is not None])
     correction, disparity = StereoField(), "disparity as told"
     if rows is not None and rows.is_significant:
         correction = replace(correction, rows=tuple(rows.rows))
-    if found is not None and found.is_significant:
-        correction, disparity = replace(correction, columns=tuple(found.columns)), describe_disparity(found)
+    if fit is not None and fit.is_significant:
+        correction, disparity = replace(correction, columns=tuple(fit.columns)), describe_disparity(fit)
     return StereoPair(geometry, correction, rows), f"stereo: {words}; {disparity}"
 
 
