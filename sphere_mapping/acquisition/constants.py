@@ -116,7 +116,6 @@ BORROWED_PX, AROUND_BORROWED = 3, 2  # side of a region below it that counts; px
 # Range from disparity (range/test_vertical)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
-MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_semi_global)
@@ -202,7 +201,7 @@ NEAR_DISPARITY_PX, MAX_OFF_ROW_PX = 2.0, 1.5  # of a corner: least disparity, an
 MIN_TRACKS = 40  # in an instant of a window
 HALF_PATCH_PX = 4  # of a patch's side
 PATCH_STEPS, LAST_STEP_PX = 12, 0.003  # at most; the last one
-MAX_SHIFT_PX, MAX_SLOPE = 1.5, 0.7  # from the start, farther away is another thing; disparity by pixels
+MAX_SHIFT_PX, MAX_BEND = 1.5, 0.7  # from the start, farther away is another thing; px by px off the middle
 LEAST_TEXTURE = 1e-2  # squared grey levels by px, added so that bare patches do not move
 TRACK_STEPS, TRACK_LOSS_PX = 15, 0.15  # of the fit; scale of Cauchy's loss on a corner's pixels
 TRACK_PRIOR_PX = 3.0  # standard deviation of each number before anything is seen

@@ -165,35 +165,49 @@ def smooth(disparity, radius, limit, share):
 
 
 @njit(**OPTIONS)
-def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, range_std_m):
-    """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
+def _cross(a, b):
+    """Return the cross product of two vectors of a plane, which are complex numbers."""
+    return a.real * b.imag - a.imag * b.real
 
-    disparity, std (H, W) f32 px; per_row: radians of a row; limits: largest relative std, nearest range, far. A point
-    at colatitude a from above and b = a - d from below is at baseline sin(b) / sin(d) = baseline (sin(a) cot(d) -
-    cos(a)). +Inf where it is surely beyond `far`, NaN where it is not known well enough.
+
+@njit(**OPTIONS)
+def triangulate(disparity, std, axes, shown, baseline, per_m, limits, range_m, range_std_m):
+    """Write the range from the centre of the upper sphere, and its standard deviation, (H, W) f32 m.
+
+    disparity, std (H, W) f32 px. axes: sine and cosine of azimuths (2, W) and elevations (2, H). shown: of the upper
+    and of the lower sphere, which camera shows a pixel (H, W) i1, and where the cameras stand (N, 3) f32 beside the
+    centre, which is `baseline` lower for the lower one. per_m: 1 over the distance at which images were joined to
+    spheres, so that a camera at o shows in pixel p what is along p - o per_m. limits: largest relative std, nearest
+    range, far. Rays meet in the plane of pixel and axis, whose vectors are complex numbers: ahead + i up. +Inf where
+    they surely do so beyond `far`, NaN where it is not known well enough.
     """
     max_relative, nearest, far = limits
+    azimuths, elevations = axes
+    (upper, upper_centers), (lower, lower_centers) = shown
     height, width = disparity.shape
+    per_row = np.pi / height
     for v in range(height):
-        above = (v + first_row + 0.5) * per_row
-        sine, cosine = np.sin(above), np.cos(above)
-        least = baseline * sine / far
+        direction = complex(elevations[1, v], elevations[0, v])
         for u in range(width):
             range_m[v, u] = np.nan
             range_std_m[v, u] = np.nan
-            delta, sigma = disparity[v, u] * per_row, std[v, u] * per_row
+            sigma = std[v, u] * per_row
             if not (sigma < 1e3):
                 continue
-            if delta + 2 * sigma < least:
+            slope, sine, cosine = tangent(disparity[v, u] * per_row), azimuths[0, u], azimuths[1, u]
+            turned = direction * complex(1.0, slope)
+            turned /= abs(turned)
+            a, b = upper_centers[upper[v, u]], lower_centers[lower[v, u]]
+            eye = complex(a[0] * cosine + a[1] * sine, a[2])
+            low_eye = complex(b[0] * cosine + b[1] * sine, b[2] - baseline)
+            ray, low_ray = direction - eye * per_m, turned - (low_eye + complex(0.0, baseline)) * per_m
+            parallax, across = _cross(ray, low_ray), _cross(low_eye - eye, low_ray)
+            if (parallax + 2 * sigma) * far < across:
                 range_m[v, u] = np.inf
                 continue
-            if delta <= 0.0 or above <= delta:
-                continue
-            cotangent = 1.0 / tangent(delta)
-            across = sine * cotangent - cosine  # sin(b) / sin(d)
-            relative = abs((cosine * cotangent + sine) / across + cotangent) * sigma  # (cot(b) + cot(d)) sigma
-            r = baseline * across
-            if r >= nearest and relative <= max_relative:
+            r = abs(eye + ray * (across / parallax))
+            relative = abs(1.0 / slope + turned.imag / turned.real) * sigma  # (cot(d) + cot(b)) sigma
+            if parallax > 0.0 and turned.real > 0.0 and r >= nearest and relative <= max_relative:
                 range_m[v, u] = r
                 range_std_m[v, u] = relative * r
 
@@ -208,13 +222,13 @@ def tangent(angle):
 
 
 @njit(**OPTIONS)
-def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, new_std):
-    """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
+def recenter(range_m, std_m, owner, centers, columns, rows, per_m, new_range, new_std):
+    """Write the ranges (H, W) f32 from the sphere's centre in the directions of the pixels, not of what these show.
 
-    owner (H, W) i1: which camera shows a pixel, -1 none; offsets (N, 3) f32: its centre in the sphere's frame; columns
-    (2, W), rows (2, H): sine and cosine of the azimuth of each column and of the elevation of each row; per_m: 1 over
-    the distance for which the images were joined, where a point is seen in its own pixel. A pixel takes the range of
-    the pixel in which its point is seen.
+    owner (H, W) i1: which camera shows a pixel, -1 none; centers (N, 3) f32: where it stands; columns (2, W), rows
+    (2, H): sine and cosine of the azimuth of each column and of the elevation of each row; per_m: 1 over the distance
+    for which the images were joined, where a point is seen in its own pixel. A pixel takes the range of the pixel in
+    which its point is seen.
     """
     height, width = range_m.shape
     one, half = np.float32(1.0), np.float32(0.5)  # and no number of twice the precision: this runs over two million
@@ -224,18 +238,12 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, ne
         for u in range(width):
             new_range[v, u] = np.nan
             new_std[v, u] = np.nan
-            camera = owner[v, u]
-            if camera < 0:
-                continue
-            r = range_m[v, u]
-            if np.isnan(r) or np.isinf(r):
-                new_range[v, u] = r
-                new_std[v, u] = std_m[v, u]
+            camera, reach = owner[v, u], range_m[v, u]
+            if camera < 0 or not np.isfinite(reach):
+                new_range[v, u] = reach
                 continue
             x, y = level * columns[1, u], level * columns[0, u]
-            ox, oy, oz = offsets[camera, 0], offsets[camera, 1], offsets[camera, 2]
-            along = ox * x + oy * y + oz * z
-            reach = r + along  # of the point from the centre
+            ox, oy, oz = centers[camera, 0], centers[camera, 1], centers[camera, 2]
             off = one - reach * per_m
             qx, qy, qz = reach * x - off * ox, reach * y - off * oy, reach * z - off * oz
             across = np.sqrt(qx * qx + qy * qy)
@@ -243,34 +251,6 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, ne
             dv = -arctangent2(level * qz - z * across, level * across + z * qz) * per_row
             column = int(np.floor(np.float32(u) + du + half)) % width
             row = min(max(int(np.floor(np.float32(v) + dv + half)), 0), height - 1)
-            seen = range_m[row, column]
-            if np.isfinite(seen):
-                new_range[v, u] = seen + along
+            if np.isfinite(range_m[row, column]):
+                new_range[v, u] = range_m[row, column]
                 new_std[v, u] = std_m[row, column]
-
-
-@njit(cache=True, nogil=True)
-def sample_inverse_depth(inverse, u, v, max_step, sampled):
-    """Sample inverse (H, W) f32 at pixels u, v (N,) f32 into sampled (N,) f32, never mixing across a depth edge.
-
-    Bilinear where the four neighbours are measured and differ by at most max_step of the largest (exact on a plane,
-    whose inverse depth is linear in a pinhole's pixels), the nearest pixel elsewhere, NaN outside.
-    """
-    height, width = inverse.shape
-    for i in range(u.size):
-        x, y = u[i], v[i]
-        if not (x >= -0.5 and x < width - 0.5 and y >= -0.5 and y < height - 0.5):
-            sampled[i] = np.nan
-            continue
-        x0 = min(max(int(np.floor(x)), 0), max(width - 2, 0))
-        y0 = min(max(int(np.floor(y)), 0), max(height - 2, 0))
-        x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
-        a, b, c, d = inverse[y0, x0], inverse[y0, x1], inverse[y1, x0], inverse[y1, x1]
-        largest = max(max(a, b), max(c, d))
-        spread = largest - min(min(a, b), min(c, d))
-        is_measured = not (np.isnan(a) or np.isnan(b) or np.isnan(c) or np.isnan(d))
-        if is_measured and spread <= max_step * largest:
-            fx, fy = min(max(x - x0, 0.0), 1.0), min(max(y - y0, 0.0), 1.0)
-            sampled[i] = (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
-        else:
-            sampled[i] = inverse[min(int(y + 0.5), height - 1), min(int(x + 0.5), width - 1)]

@@ -314,7 +314,5 @@ def guess_headings(a: RangeImage, b: RangeImage) -> Array:
 
 def _without_mean(image: Floats) -> Array:
     """Return an image (H, W) less the mean of each row, 0 where it is NaN."""
-    is_known = np.isfinite(image)
-    values = np.where(is_known, image, 0.0).astype(np.float64)
-    mean = values.sum(axis=1, keepdims=True) / np.maximum(is_known.sum(axis=1, keepdims=True), 1)
-    return np.where(is_known, values - mean, 0.0)
+    known = np.ma.masked_invalid(image.astype(np.float64))
+    return np.asarray((known - known.mean(axis=1, keepdims=True)).filled(0.0), np.float64)

@@ -99,7 +99,8 @@ class LoopCloser:
     def _lookup(self, graph: SphereGraph, newer_id: int) -> Lookup:
         """Return the older spheres that look like one, neither on the way that led to it nor joined with it."""
         before = passed(graph, newer_id, self._params.loop.min_way_m)
-        without = [newer_id, *before, *neighbors(graph, newer_id)]
+        joined = [end for edge in graph.edges if newer_id in (edge.a, edge.b) for end in (edge.a, edge.b)]
+        without = [newer_id, *before, *joined]
         found = look_up(self.index, self.index.features[newer_id], without)
         return replace(found, alike=tuple(one for one in found.alike if one[0] < newer_id))
 
@@ -173,13 +174,6 @@ def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     is_connected = np.isfinite(found)
     ids = np.fromiter(row, np.int64, number)[is_connected]
     return dict(zip(ids.tolist(), found[is_connected].tolist(), strict=True))
-
-
-def neighbors(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
-    """Yield the key spheres that an edge joins with one."""
-    for edge in graph.edges:
-        if sphere_id in (edge.a, edge.b):
-            yield edge.a if edge.b == sphere_id else edge.b
 
 
 def joined_pairs(graph: SphereGraph) -> set[tuple[int, int]]:

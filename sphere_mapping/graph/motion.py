@@ -92,15 +92,15 @@ class DriveMotion:
 
     def velocity(self) -> Array:
         """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
-        return _velocity(self.before, self.last.T_map_sphere, self.last.stamp_ns) if self.last else np.zeros(6)
+        return _velocity(self.before, self.last)
 
     def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
-        return _velocity(self.last, T_map_sphere, stamp_ns)
+        return _velocity(self.last, Placed(stamp_ns, T_map_sphere))
 
     def velocity_through(self, T_map_next: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) at the last sphere by the one before it and the next one, at a stamp."""
-        return _velocity(self.before or self.last, T_map_next, stamp_ns)
+        return _velocity(self.before or self.last, Placed(stamp_ns, T_map_next))
 
     def expect(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> Expectation:
         """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all.
@@ -129,8 +129,8 @@ class DriveMotion:
         return (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
 
 
-def _velocity(since: Placed | None, T_map_sphere: SE3, stamp_ns: int) -> Array:
-    """Return the velocity (6,) from a placed sphere to a pose at a later stamp; zero where there is none."""
-    if since is None or stamp_ns <= since.stamp_ns:
+def _velocity(first: Placed | None, then: Placed | None) -> Array:
+    """Return the velocity (6,) from a placed sphere to a later one; zero where there is none."""
+    if first is None or then is None or then.stamp_ns <= first.stamp_ns:
         return np.zeros(6)
-    return (since.T_map_sphere.inverse() @ T_map_sphere).log() / ((stamp_ns - since.stamp_ns) * 1e-9)
+    return (first.T_map_sphere.inverse() @ then.T_map_sphere).log() / ((then.stamp_ns - first.stamp_ns) * 1e-9)

@@ -29,20 +29,18 @@ class SphereCache:
 
     def __init__(self, store: SphereStore | None = None) -> None:
         self._store = store
-        self._num_stored = 0
 
     def flush(self, graph: SphereGraph) -> None:
         """Hand over what is not stored yet, and forget it."""
         if self._store is None:
             return
-        new = [node for node in list(graph)[self._num_stored :] if node.sphere is not None]
+        new = [node for node in graph if node.sphere is not None]
         if new:
             self._store.tell(graph)
         for node in new:
             assert node.sphere is not None
             self._store.add(node, node.sphere)
             graph.forget_sphere(node.id)
-        self._num_stored = len(graph)
 
     def load(self, node: KeySphere) -> Sphere:
         """Return the sphere of a node; ValueError where nobody has it."""

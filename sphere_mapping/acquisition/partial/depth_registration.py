@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
-from sphere_mapping.acquisition.kernels import sample_inverse_depth
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -21,10 +21,19 @@ def inverse_depth(depth_m: NDArray[np.floating]) -> Floats:
 
 
 def sample_inverse(inverse: Floats, u: Floats, v: Floats, max_step: float = MAX_DEPTH_STEP) -> Floats:
-    """Return inverse depth (...) at pixels u, v (...), never mixed across an edge."""
-    sampled = np.empty(u.size, dtype=np.float32)
-    sample_inverse_depth(inverse, u.ravel(), v.ravel(), max_step, sampled)
-    return sampled.reshape(u.shape)
+    """Return inverse depth at pixels u, v (H, W), never mixed across an edge; NaN outside.
+
+    Linear (as a plane's is in the pixels of a pinhole) where the four neighbours are measured and differ by at most
+    max_step of the largest, else that of the nearest pixel.
+    """
+    four, known = np.ones((2, 2), np.uint8), np.nan_to_num(inverse, nan=-1.0)
+    largest, least = (extreme(known, four, anchor=(0, 0)) for extreme in (cv2.dilate, cv2.erode))
+    is_smooth = largest - least <= max_step * largest
+    row, column = (np.clip(np.floor(at), 0, side - 2).astype(np.intp)
+                   for at, side in zip((v, u), inverse.shape, strict=True))  # fmt: skip
+    nearest = cv2.remap(inverse, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
+    linear = cv2.remap(inverse, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(is_smooth[row, column] & ~np.isnan(nearest), linear, nearest)
 
 
 def draw_nearest(points: Array, target: Camera, size: int) -> Floats:
@@ -50,8 +59,8 @@ class DepthRegistration:
 
     def __init__(self, camera: Camera, target: Camera, T_target_camera: SE3) -> None:
         self._camera, self._target = camera, target
-        self._rays, rays_camera = pixel_rays(target).reshape(-1, 3), pixel_rays(camera).reshape(-1, 3)
-        rays_camera = (rays_camera / rays_camera[:, 2:]) @ T_target_camera.rotation.T
+        self._rays, rays_camera = pixel_rays(target), pixel_rays(camera)
+        rays_camera = (rays_camera / rays_camera[..., 2:]) @ T_target_camera.rotation.T
         T_camera_target = T_target_camera.inverse()
         self._to_target = T_target_camera.translation, rays_camera
         self._to_camera = T_camera_target.translation, self._rays @ T_camera_target.rotation.T
@@ -63,35 +72,30 @@ class DepthRegistration:
 
     def __call__(self, depth_m: NDArray[np.floating]) -> Floats:
         """Return the depth (H, W) of `target` along z in m, NaN where there is none."""
-        depth = self.ranges(inverse_depth(depth_m)) * self._rays[:, 2].reshape(self._target.height, -1)
-        return depth.astype(np.float32)
+        return (self.ranges(inverse_depth(depth_m)) * self._rays[..., 2]).astype(np.float32)
 
     def ranges(self, inverse: Floats) -> Array:
         """Return the range (H, W) along the rays of `target` in m of inverse depth (h, w), NaN where there is none."""
-        found = self._warp(inverse).ravel()
-        seen = np.flatnonzero(np.isfinite(found))
-        range_m, step, (origin, rays) = found[seen].astype(np.float64), np.zeros(seen.size), self._to_camera
-        rays = rays[seen]
+        origin, rays = self._to_camera
+        range_m, step = self._warp(inverse), np.zeros(0)
         for _ in range(DEPTH_CORRECTIONS):
-            points = rays * range_m[:, None] + origin
-            step = (self._measure(inverse, points) - points[:, 2]) / np.maximum(rays[:, 2], 0.1)
+            points = rays * range_m[..., None] + origin
+            step = (self._measure(inverse, points) - points[..., 2]) / np.maximum(rays[..., 2], 0.1)
             range_m = range_m + step
-        corrected = np.full(found.size, np.nan)
-        corrected[seen] = np.where(np.abs(step) < MAX_CORRECTION * range_m, range_m, np.nan)
-        return corrected.reshape(self._target.height, self._target.width)
+        return np.where(np.abs(step) < MAX_CORRECTION * range_m, range_m, np.nan)
 
-    def _warp(self, inverse: Floats) -> Floats:
-        """Return the range of `target` to about a pixel, +Inf where nothing falls."""
+    def _warp(self, inverse: Floats) -> Array:
+        """Return the range of `target` to about a pixel, NaN where nothing falls."""
         origin, rays = self._to_target
         with np.errstate(divide="ignore", invalid="ignore"):
-            points = rays / inverse.ravel()[:, None] + origin
-        points = points[np.isfinite(points).all(axis=1)]
-        return draw_nearest(points, self._target, 2)
+            points = rays / inverse[..., None] + origin
+        nearest = draw_nearest(points[np.isfinite(points).all(axis=-1)], self._target, 2)
+        return np.where(np.isfinite(nearest), nearest, np.nan)
 
     def _measure(self, inverse: Floats, points: Array) -> Array:
-        """Return the depth that `camera` measured in the direction of points (N, 3)."""
+        """Return the depth that `camera` measured in the direction of points (H, W, 3)."""
         pixels, _ = self._camera.project(points)
-        u, v = np.ascontiguousarray(np.nan_to_num(pixels, nan=-1e4).T, dtype=np.float32)
+        u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
         with np.errstate(divide="ignore"):
             return 1.0 / sample_inverse(inverse, u, v, MAX_SURFACE_STEP).astype(np.float64)
 

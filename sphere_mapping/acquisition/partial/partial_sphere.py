@@ -5,7 +5,8 @@ A camera at the centre of the sphere is a pure resampling whose table is made on
 by its range: the points are splatted with a z-buffer, then corrected along each ray.
 
 Where rows were read while the camera moved, pixels are found to first order in the motion (`rolling_shutter.py`): a
-point p of the middle row is at p - s (v + omega x p) in the camera of its own row, s the share of that row. Half of
+point p of the middle row is at p - s (v + omega x p) in the camera of its own row, s the share of that row; pixels move
+as they do to the row of s = 1/2. Half of
 (s omega)^2 in pixels is left: 0.03 px at 0.8 deg within a readout.
 """
 
@@ -27,51 +28,12 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, inverse_depth, sample_inverse
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
-from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry import SE3, Camera, Spherical, so3
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.spheres.range_codec import MAX_RANGE
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, check_sphere_image, continued
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Pixels u, v (H, W) of a window's rays in the image, each in its row; z_of_ray (H, W) in the camera of that row.
-
-    `further` (H, W) m is to be added to a range measured from there, for the range from the middle row.
-    """
-
-    u: Floats
-    v: Floats
-    z_of_ray: Floats
-    further: Floats
-
-
-def roll(
-    u: Floats, v: Floats, camera: Camera, T_sphere_camera: SE3, window: Spherical, twist: Array, near: Floats
-) -> Rows:
-    """Move pixels u, v (H, W) of the middle row to their own rows.
-
-    twist (6,) is the motion within the readout in the frame of the sphere, near (H, W) the inverse range in 1/m, 0
-    where it is not known: there only the rotation counts.
-    """
-    rays, J = _rays(camera, T_sphere_camera.rotation.tobytes(), window)
-    velocity, omega = np.asarray(twist, np.float32).reshape(2, 3) @ T_sphere_camera.rotation.astype(np.float32)
-    motion = near[..., None] * velocity + np.cross(omega, rays)  # of the ray, by a whole readout
-    du, dv = np.einsum("vui,vui->vu", J[0], motion), np.einsum("vui,vui->vu", J[1], motion)
-    rows = np.float32(camera.height)
-    share = (v - 0.5 * (rows - 1)) / np.maximum(rows + dv, 0.5 * rows)
-    z_of_ray = rays[..., 2] - share * np.cross(omega, rays)[..., 2]
-    return Rows(u - share * du, v - share * dv, z_of_ray, share * (rays @ velocity))
-
-
-@lru_cache(maxsize=4)
-def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats]:
-    """Return the unit rays (H, W, 3) of a window in the camera, and the pixel's derivative (2, H, W, 3) by them."""
-    rays = pixel_rays(window) @ np.frombuffer(rotation).reshape(3, 3)
-    ahead = np.where(rays[..., 2:] > 0.05, rays, (0.0, 0.0, 1.0))  # what the camera cannot see does not matter
-    J = np.moveaxis(camera.J_project(ahead), -2, 0)
-    return rays.astype(np.float32), np.ascontiguousarray(np.nan_to_num(J), dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,17 +88,27 @@ def _resample(view: RgbdView, window: Spherical) -> tuple[Bytes, Floats]:
 
 
 def _resample_rolling(view: RgbdView, window: Spherical, twist: Array) -> tuple[Bytes, Floats]:
-    """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
-    camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
+    """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off.
+
+    Where no depth is known only the rotation counts.
+    """
+    camera, rotation = view.camera, view.T_sphere_camera.rotation
     inverse = inverse_depth(view.depth_m)
-    u, v, seen, z_of_ray = _ray_table(camera, rotation, window)
+    u, v, seen, z_of_ray = _ray_table(camera, rotation.tobytes(), window)
     near = sample_inverse(inverse, u, v) * z_of_ray
-    near = continued(near, np.isfinite(near))
-    rows = roll(u, v, camera, view.T_sphere_camera, window, twist, np.nan_to_num(near))
+    near = np.nan_to_num(continued(near, np.isfinite(near)))
+    rays = _camera_rays(rotation.tobytes(), window).astype(np.float32)
+    velocity, omega = (twist.reshape(2, 3) @ rotation).astype(np.float32)
+    turn = rays @ so3.hat(omega).T.astype(np.float32)
+    later = _pixels_of(rays - 0.5 * (near[..., None] * velocity + turn), camera)  # by half a readout
+    du, dv = 2.0 * (u - later[0]), 2.0 * (v - later[1])
+    share = np.asarray(row_share(v, camera.height) / np.maximum(1.0 + dv / camera.height, 0.5), np.float32)
+    u, v = u - share * du, v - share * dv
+    z_of_ray, further = rays[..., 2] - share * turn[..., 2], share * (rays @ velocity)  # from there, for the middle row
     with np.errstate(divide="ignore"):
-        range_m = 1.0 / (sample_inverse(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
-    seen = seen & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
-    sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        range_m = 1.0 / (sample_inverse(inverse, u, v) * z_of_ray) + further
+    seen = seen & (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
+    sampled = cv2.remap(view.image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
     return image, np.where(seen, _trusted(range_m), np.float32(np.nan))
 
@@ -148,7 +120,7 @@ def resample_image(
     if np.any(T_sphere_camera.translation):
         everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
         points = pixel_rays(window) * everywhere[..., None]
-        u, v, seen = _pixels_of(points, camera, T_sphere_camera)
+        u, v, seen = _pixels_of(T_sphere_camera.inverse().apply(points), camera)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     else:
         u, v, seen, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
@@ -182,20 +154,24 @@ def resample_nearest(values: Floats, camera: Camera, T_sphere_camera: SE3, windo
     return np.where(seen, sampled, np.float32(np.nan))
 
 
-def _pixels_of(points_sphere: Array, camera: Camera, T_sphere_camera: SE3) -> tuple[Floats, Floats, Flags]:
-    """Return u, v of points (H, W, 3) and which of them are seen."""
-    pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
+def _pixels_of(points: Array, camera: Camera) -> tuple[Floats, Floats, Flags]:
+    """Return u, v of points (H, W, 3) in the frame of the camera and which of them are seen."""
+    pixels, visible = camera.project(points)
     u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
     return u, v, visible
+
+
+@lru_cache(maxsize=4)
+def _camera_rays(rotation: bytes, window: Spherical) -> Array:
+    """Return the unit rays (H, W, 3) of a window in the frame of the camera."""
+    return pixel_rays(window) @ np.frombuffer(rotation).reshape(3, 3)
 
 
 @lru_cache(maxsize=16)
 def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, Floats]:
     """Return u, v, what is seen and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
-    T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
-    rays = pixel_rays(window)
-    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
-    return *_pixels_of(rays, camera, T_sphere_camera), z_of_ray.astype(np.float32)
+    rays = _camera_rays(rotation, window)
+    return *_pixels_of(rays, camera), rays[..., 2].astype(np.float32)
 
 
 @lru_cache(maxsize=16)

@@ -75,19 +75,19 @@ def fill(values: Floats, known: Flags) -> Floats:
     """
     if known.all() or not known.any():
         return values
-    sums, weights = [np.where(known, values, np.float32(0.0))], [known.astype(np.float32)]
-    while weights[-1].min() == 0 and min(weights[-1].shape) >= 2:
-        size = (weights[-1].shape[1] // 2, weights[-1].shape[0] // 2)
-        sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
-        weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
-    coarse = sums[-1].sum() / weights[-1].sum()
-    found = np.where(weights[-1] > 0, sums[-1] / np.maximum(weights[-1], 1e-6), coarse).astype(np.float32)
-    for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
-        height, width = weight.shape
-        padded = around(found, 2, is_whole=True)
-        finer = cv2.resize(padded, (2 * padded.shape[1], height))[:, 4 : 4 + width]
-        found = np.where(weight > 0, total / np.maximum(weight, np.float32(1e-6)), finer)
-    return found
+    return _spread(np.where(known, values, np.float32(0.0)), known.astype(np.float32))
+
+
+def _spread(sums: Floats, weights: Floats) -> Floats:
+    """Return sums by weights (H, W); where the weight is 0, that of pixels twice as large, between their middles."""
+    means, (height, width) = sums / np.maximum(weights, np.float32(1e-6)), weights.shape
+    if weights.min() > 0 or min(height, width) < 2:
+        return np.where(weights > 0, means, sums.sum() / weights.sum())
+    size = (width // 2, height // 2)
+    coarser = _spread(*(cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in (sums, weights)))
+    padded = around(coarser, 2, is_whole=True)
+    finer = cv2.resize(padded, (2 * padded.shape[1], height))[:, 4 : 4 + width]
+    return np.where(weights > 0, means, finer)
 
 
 def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical) -> Ranged:

@@ -132,9 +132,8 @@ def matches_of(
     """
     views = {rig_view.name: rig_view for rig_view in rig_views}
     whole = Spherical(FEATURE_WIDTH, FEATURE_WIDTH // 2)
-    rays = pixel_rays(whole)
     found = {
-        rig_view.name: _features(rig_view, images[rig_view.name], rays)
+        rig_view.name: _features(rig_view, images[rig_view.name], whole)
         for rig_view in rig_views
         if rig_view.name in images
     }
@@ -178,21 +177,19 @@ def _soften(values: Array) -> Array:
     return np.copysign(np.sqrt(np.log1p(np.square(values))), values)
 
 
-def _features(rig_view: RigView, image: Bytes, rays: Array) -> tuple[Array, Array, Floats]:
+def _features(rig_view: RigView, image: Bytes, whole: Spherical) -> tuple[Array, Array, Floats]:
     """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
-    height = len(rays)
-    u, v, border = rig_view.project(rays * VERY_FAR_M)
+    u, v, border = rig_view.project(pixel_rays(whole) * VERY_FAR_M)
     seen = (border > np.radians(FROM_BORDER_DEG)).astype(np.uint8)
-    pole = round(height * POLE_DEG / 180.0)
-    seen[:pole], seen[height - pole :] = 0, 0
+    pole = round(whole.height * POLE_DEG / 180.0)
+    seen[:pole], seen[whole.height - pole :] = 0, 0
     view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     points, descriptors = cv2.SIFT_create(**RECTIFY_SIFT).detectAndCompute(view, seen)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
-    at = np.array([point.pt for point in points], np.float32)[:, None]
-    pixels = [cv2.remap(plane, at, None, cv2.INTER_LINEAR)[:, 0] for plane in (u, v)]
-    own = [cv2.remap(rays[..., k].astype(np.float32), at, None, cv2.INTER_LINEAR)[:, 0] for k in range(3)]
-    return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
+    rays = whole.unproject([point.pt for point in points])
+    pixels, _ = rig_view.camera.project(rig_view.T_sphere_camera.inverse().apply(rays * VERY_FAR_M))
+    return pixels, rays, descriptors
 
 
 def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:

@@ -134,7 +134,8 @@ def sight_of(stretch: Floats, is_present: Flags, levels: Sequence[SweepLevel]) -
     numbers = np.maximum((chosen <= FAINT_STRETCH).sum(axis=0), np.minimum(np.isfinite(chosen).sum(axis=0), 2))
     is_used = np.arange(len(order))[:, None, None] < numbers
     sees = np.stack([((order == c) & is_used).any(axis=0) for c in range(len(stretch))])
-    runs = [_runs(sees, len(levels) - 1 - k) for k in range(len(levels))]
+    scales = [1 << (len(levels) - 1 - k) for k in range(len(levels))]
+    runs = [_runs(sees.repeat(scale, axis=1).repeat(scale, axis=2)) for scale in scales]
     cameras = np.ascontiguousarray(np.moveaxis(order, 0, -1)).astype(np.int8)
     return CameraSight(cameras, numbers.astype(np.int8), tuple(run[0] for run in runs), tuple(run[1] for run in runs))
 
@@ -172,18 +173,14 @@ def _seen_from(view: RigView, rays: Array, inverse: float) -> Array:
     return (rays - inverse * T.translation) @ T.rotation
 
 
-def _runs(sees: Flags, halvings: int) -> tuple[Indices, Indices]:
+def _runs(sees: Flags) -> tuple[Indices, Indices]:
     """Return runs (N, 3), row by row: camera, first column, beyond the last one, and the first (H + 1,) of each row.
 
-    sees (C, h, w), of a sphere that has been halved so often.
+    sees (C, H, W): which cameras see what.
     """
     edges = np.diff(np.pad(sees, ((0, 0), (0, 0), (1, 1))).astype(np.int8), axis=2)
     cameras, rows, begins = np.nonzero(edges == 1)
     ends = np.nonzero(edges == -1)[2]
     order = np.lexsort((begins, cameras, rows))
-    scale = 1 << halvings
-    own = np.stack([cameras, begins * scale, ends * scale], axis=1)[order].astype(np.int32)
-    counts = np.bincount(rows, minlength=sees.shape[1])
-    parts = np.split(own, np.cumsum(counts)[:-1])
-    repeated = np.concatenate([part for part in parts for _ in range(scale)])
-    return repeated, np.concatenate([[0], np.cumsum(np.repeat(counts, scale))]).astype(np.int32)
+    runs = np.stack([cameras, begins, ends], axis=1)[order].astype(np.int32)
+    return runs, np.searchsorted(rows[order], np.arange(sees.shape[1] + 1)).astype(np.int32)

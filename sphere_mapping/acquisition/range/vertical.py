@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+from collections.abc import Mapping
 
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.epipolar import (
-    baseline_error,
-    correct_baseline,
-    disparities_of_ranges,
-    joined_share,
-    range_from_disparity,
-    to_common_center,
-)
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, in_own_directions, range_from_disparity
 from sphere_mapping.acquisition.range.fusion import Ranged
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
-from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
-from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_mapping.acquisition.stitching.layouts import Layouts
+from sphere_nav.geometry.arrays import Bytes
 
 LEVELS = ("top", "bottom")
-
-
-Baseline = tuple[Floats, Floats, float]  # what `correct_baseline` takes: error, shrink (H, W), 1/m of the joining
 
 
 class VerticalStereo:
@@ -35,11 +24,10 @@ class VerticalStereo:
     def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
         self._layouts, self._params, self._jobs = layouts, params, jobs
         self._search = disparities_of_ranges(layouts.whole, layouts.baseline_m, params.match)
-        self._kept: Callable[[tuple[str, ...]], Baseline] = lru_cache(MAX_LAYOUTS)(self._find_baseline)
         self.is_checked = False
 
     def find(self, grays: Mapping[str, Bytes]) -> list[Ranged]:
-        """Return the range from the grey images of one instant, by camera: from the centre of the top sphere."""
+        """Return the range from the grey images of one instant, by camera."""
         if not any(part.name in grays for part in self._layouts.rig.at_level("bottom")):
             return []
         layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
@@ -49,15 +37,8 @@ class VerticalStereo:
             self.is_checked = True
         is_usable, match = layouts[0].is_covered & layouts[1].is_covered, self._params.match
         disparity = match_columns(top, bottom, self._search, match, is_usable, self._jobs)
-        ranged = range_from_disparity(disparity, self._layouts.whole, self._layouts.baseline_m, match)
-        error, shrink, per_m = self._kept(tuple(grays))
-        correct_baseline(*ranged, error, shrink, per_m)
-        ranged = to_common_center(*ranged, layouts[0], per_m)
-        return [ranged]
-
-    def _find_baseline(self, present: tuple[str, ...]) -> Baseline:
-        """Return what the cameras present change in the baseline of each pixel."""
-        layouts = [self._layouts.of(level, present) for level in LEVELS]
-        baseline_m, distance_m = self._layouts.baseline_m, self._params.blend.distance_m
-        error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
-        return error, 1.0 / (1.0 + joined_share(layouts[0], per_m)), per_m
+        distance_m = self._params.blend.distance_m
+        per_m = 1.0 / distance_m if distance_m else 0.0
+        above, below = ((layout.owner, layout.centers) for layout in layouts)
+        ranged = range_from_disparity(disparity, self._layouts.baseline_m, match, (above, below), per_m)
+        return [in_own_directions(*ranged, above, per_m)]

@@ -51,12 +51,9 @@ class Layouts:
         """Return the rig_view as seen from the centre of its level."""
         if level != "bottom":
             return rig_view
-        center = self.T_rig_sphere.inverse().apply(center_of(self.rig.at_level("bottom"))[None])[0]
         T_sphere_camera = rig_view.T_sphere_camera
-        return replace(
-            rig_view,
-            T_sphere_camera=SE3.from_parts(T_sphere_camera.rotation, T_sphere_camera.translation - center),
-        )
+        from_bottom = T_sphere_camera.translation + np.array([0.0, 0.0, self.baseline_m])
+        return replace(rig_view, T_sphere_camera=SE3.from_parts(T_sphere_camera.rotation, from_bottom))
 
 
 def center_of(cameras: Sequence[RigCamera]) -> Array:

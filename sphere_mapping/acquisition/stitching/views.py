@@ -105,10 +105,10 @@ class Layout:
 
 def masks_of(rig: Rig) -> dict[str, Bytes]:
     """Read the masks of a rig's cameras; ValueError for a file that is no image."""
-    files = {part.name: part.mask for part in rig.cameras if part.mask is not None}
     return {
-        name: read_image_file(file, cv2.IMREAD_GRAYSCALE, f"mask of {name}").astype(np.uint8)
-        for name, file in files.items()
+        part.name: read_image_file(part.mask, cv2.IMREAD_GRAYSCALE, f"mask of {part.name}").astype(np.uint8)
+        for part in rig.cameras
+        if part.mask is not None
     }
 
 

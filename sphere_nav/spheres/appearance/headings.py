@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.appearance.kernels import score_turns
 from sphere_nav.spheres.constants import (
     APART_TURNS,
@@ -135,11 +136,8 @@ def _draw(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> tuple[Flo
 @lru_cache(1)
 def _rays() -> Array:
     """Return the unit rays (H, W, 3) of the grid, without its poles."""
-    rows = np.arange(GRID.height)
-    elevation = (0.5 - (rows + 0.5) / GRID.height) * np.pi
-    rows = rows[np.abs(elevation) < MAX_GRID_ELEVATION]
-    u, v = np.meshgrid(np.arange(GRID.width), rows)
-    return GRID.unproject(np.stack([u, v], axis=-1))
+    rays = pixel_rays(GRID)
+    return rays[np.abs(rays[:, 0, 2]) < np.sin(MAX_GRID_ELEVATION)]
 
 
 def _shrink(image: Floats, camera: Camera) -> tuple[Floats, Camera]:

@@ -8,7 +8,7 @@ Chapoulie et al. 2011, M15 section 3.5.2). Rows of like houses are no chance: wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping, Sequence
+from collections.abc import Iterable, MutableMapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,30 +33,6 @@ class Likeness:
     log_chance: float
 
 
-@dataclass(frozen=True)
-class Postings:
-    """Where words were seen, by word: words (N,) ascending, rows (N,) of their spheres, angles (N, 2) of `angles`."""
-
-    words: Integers
-    rows: NDArray[np.int32]
-    angles: Floats
-
-    @staticmethod
-    def join(parts: Sequence[Postings]) -> Postings:
-        """Return some together, sorted by word; those of a word in the order in which they came."""
-        words = np.concatenate([one.words for one in parts])
-        order = np.argsort(words, kind="stable")
-        rows, places = np.concatenate([one.rows for one in parts]), np.concatenate([one.angles for one in parts])
-        return Postings(words[order], rows[order], places[order])
-
-    def find(self, words: Integers) -> tuple[Integers, Integers]:
-        """Return for every place (M,) of these words which of the words it is of, and where it stands here."""
-        first, last = np.searchsorted(self.words, words, "left"), np.searchsorted(self.words, words, "right")
-        number = last - first
-        start = np.repeat(first - np.cumsum(number) + number, number)
-        return np.repeat(np.arange(len(words)), number), start + np.arange(int(number.sum()))
-
-
 class AppearanceIndex:
     """Features of all key spheres by word; `features` by id."""
 
@@ -66,7 +42,7 @@ class AppearanceIndex:
         self.features: MutableMapping[int, Features] = {} if features is None else features
         self.words: dict[int, Integers] = {}
         self._ids: list[int] = []
-        self._postings: list[Postings] = []  # all that have been looked up, then those of new key spheres
+        self._seen: list[tuple[Integers, NDArray[np.int32], Floats]] = []  # words, row, where they stand
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -83,9 +59,8 @@ class AppearanceIndex:
         self.features[sphere_id], self.words[sphere_id] = features, words
         row = len(self._ids)
         self._ids.append(sphere_id)
-        seen, (azimuth, elevation) = telling(words), angles(features.rays)
-        places = np.column_stack([azimuth, elevation]).astype(np.float32)[seen]
-        self._postings.append(Postings.join([Postings(words[seen], np.full(len(seen), row, np.int32), places)]))
+        seen, places = telling(words), angles(features.rays)
+        self._seen.append((words[seen], np.full(len(seen), row, np.int32), places[seen].astype(np.float32)))
 
     def find(self, features: Features, count: int, without: Iterable[int] = ()) -> list[Likeness]:
         """Return up to `count` key spheres, the likest first; rays of the image in axes about upright (z up)."""
@@ -106,24 +81,26 @@ class AppearanceIndex:
         """Return the histogram (S, NUM_TURN_BINS) of turns for every sphere; a feature votes once for each turn."""
         words = self.dictionary.read(features.unit_descriptors())
         asked = telling(words)
-        own = np.column_stack(angles(features.rays))[asked]
-        if len(self._postings) > 1:  # new ones
-            self._postings = [Postings.join(self._postings)]
-        cells = self._turns(self._postings[0], words[asked], own)
-        total = np.bincount(cells, minlength=len(self._ids) * NUM_TURN_BINS)
+        own = angles(features.rays)[asked]
+        seen_words, rows, seen = (np.concatenate(parts) for parts in zip(*self._seen, strict=True))
+        feature, place = pair_words(words[asked], seen_words, len(self.dictionary))
+        near = np.abs(seen[place, 1] - own[feature, 1]) < MAX_RISE
+        feature, place = feature[near], place[near]
+        turn = (seen[place, 0] - own[feature, 0] + np.pi) % (2 * np.pi)
+        turn_bin = np.minimum((turn * (NUM_TURN_BINS / (2 * np.pi))).astype(np.int64), NUM_TURN_BINS - 1)
+        cell, size = rows[place].astype(np.int64) * NUM_TURN_BINS + turn_bin, len(self._ids) * NUM_TURN_BINS
+        total = np.bincount(np.unique(feature * size + cell) % size, minlength=size)
         return total.reshape(-1, NUM_TURN_BINS)
 
-    def _turns(self, postings: Postings, words: Integers, own: Array) -> Integers:
-        """Return the cells (row * NUM_TURN_BINS + turn) that features of these words, at angles (N, 2), vote for."""
-        feature, place = postings.find(words)
-        seen = postings.angles[place]
-        near = np.abs(seen[:, 1] - own[feature, 1]) < MAX_RISE
-        feature, place = feature[near], place[near]
-        turn = (seen[near, 0] - own[feature, 0] + np.pi) % (2 * np.pi)
-        turn_bin = np.minimum((turn * (NUM_TURN_BINS / (2 * np.pi))).astype(np.int64), NUM_TURN_BINS - 1)
-        cell = postings.rows[place].astype(np.int64) * NUM_TURN_BINS + turn_bin
-        size = len(self._ids) * NUM_TURN_BINS
-        return np.unique(feature * size + cell) % size
+
+def pair_words(one: Integers, other: Integers, number: int) -> tuple[Integers, Integers]:
+    """Return the places in both lists, of words below `number`, of all pairs that are the same word."""
+    from scipy.sparse import csr_array  # what only reads bags does without it
+
+    tables = [csr_array((np.ones(len(words), np.int8), words, np.arange(len(words) + 1)), (len(words), number))
+              for words in (one, other)]  # fmt: skip
+    second, first = (tables[1] @ tables[0].T).nonzero()  # the other list is the longer one: it is not turned
+    return first.astype(np.int64), second.astype(np.int64)
 
 
 def log_tail(counts: Integers, means: Array) -> Array:
@@ -142,10 +119,10 @@ def log_tail(counts: Integers, means: Array) -> Array:
     return np.minimum(first + np.log(total), 0.0)
 
 
-def angles(rays: Floats) -> tuple[Array, Array]:
-    """Return azimuth and elevation (N,) in rad of unit rays (N, 3) in body axes."""
+def angles(rays: Floats) -> Array:
+    """Return azimuth and elevation (N, 2) in rad of unit rays (N, 3) in body axes."""
     rays = rays.astype(np.float64)
-    return np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
+    return np.column_stack([np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))])
 
 
 def telling(words: Integers) -> Integers:

@@ -7,7 +7,6 @@ import pytest
 
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.epipolar import correct_baseline
 from sphere_mapping.acquisition.range.fusion import fuse_sources
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_mapping.acquisition.stitching.strips import Block
@@ -67,28 +66,6 @@ def test_pixels_by_range_are_where_the_camera_sees_these_points_whatever_its_mod
     assert (np.abs(found) < bounds).all()  # what is not seen is next to what is
 
 
-def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
-    v, u = np.mgrid[0:6, 0:8].astype(np.float32)
-    inverse = 0.5 + 0.003 * u - 0.002 * v
-    inverse[:, 5:] = 0.1
-    rng = np.random.default_rng(0)
-    x, y = rng.uniform(-0.5, 7.49, 500).astype(np.float32), rng.uniform(-0.5, 5.49, 500).astype(np.float32)
-    sampled = np.empty(500, dtype=np.float32)
-    kernels.sample_inverse_depth(inverse, x, y, 0.05, sampled)
-    inner = (x >= 0) & (x <= 4) & (y >= 0) & (y <= 5)
-    np.testing.assert_allclose(sampled[inner], (0.5 + 0.003 * x - 0.002 * y)[inner], rtol=1e-5)
-    edge = (x > 4) & (x < 5)
-    nearest = inverse[np.clip((y[edge] + 0.5).astype(int), 0, 5), (x[edge] + 0.5).astype(int)]
-    np.testing.assert_array_equal(sampled[edge], nearest)
-
-
-def some_unknown(shape, seed, low, high, share=0.1):
-    rng = np.random.default_rng(seed)
-    plane = rng.uniform(low, high, shape).astype(np.float32)
-    plane[rng.random(shape) < share] = np.nan
-    return plane
-
-
 def test_a_step_of_alignment_is_that_of_least_squares():
     """The mean of what the slopes say and what the match says, each by its information (step_blocks's formulas)."""
     rng = np.random.default_rng(7)
@@ -112,65 +89,3 @@ def test_a_step_of_alignment_is_that_of_least_squares():
     np.testing.assert_allclose(information[known], (variance * 49 / 2 / np.maximum(residual, noise))[known], rtol=1e-4)
     assert (disparity[3], information[3], left[3]) == (before[3], 0.0, np.inf)
     assert np.abs(step[known]).min() < limit < np.abs(step[known]).max()
-
-
-def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joined():
-    range_m, std_m = some_unknown((6, 10), 13, 1.0, 40.0), some_unknown((6, 10), 14, 0.1, 1.0, 0.0)
-    range_m[0, :3], range_m[1, 0] = 10.0, np.inf
-    error = np.random.default_rng(15).uniform(-0.3, 0.4, (6, 10)).astype(np.float32)
-    with np.errstate(invalid="ignore"):
-        factor = (1 + error) / np.maximum(1 + error * range_m / 10.0, 0.1)
-        factor[~(range_m < 1e9)] = 1.0
-        twin = range_m * factor, std_m * factor
-    shrink = np.random.default_rng(16).uniform(0.9, 1.1, (6, 10)).astype(np.float32)
-    shrink[0, :3] = 1.0
-    with np.errstate(invalid="ignore"):
-        twin = [np.where(twin[0] < 1e9, plane * shrink, plane) for plane in twin]
-    correct_baseline(range_m, std_m, error, shrink, 0.1)
-    np.testing.assert_allclose(range_m, twin[0], rtol=2e-6)
-    np.testing.assert_allclose(std_m, twin[1], rtol=2e-6)
-    np.testing.assert_allclose(range_m[0, :3], 10.0, rtol=1e-6)
-    assert range_m[1, 0] == np.inf
-
-
-def test_ranges_of_a_wall_move_to_the_common_center():
-    """Two cameras beside the centre see a sphere of 5 m; NumPy looks the points up by arctan2."""
-    height, width = 64, 128
-    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
-    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
-    columns, rows = (np.stack([np.sin(a), np.cos(a)]).astype(np.float32) for a in (azimuth, elevation))
-    rays = np.stack(
-        [
-            np.outer(np.cos(elevation), np.cos(azimuth)),
-            np.outer(np.cos(elevation), np.sin(azimuth)),
-            np.outer(np.sin(elevation), np.ones(width)),
-        ],
-        axis=-1,
-    )
-    offsets = np.float32([[0.3, 0.1, -0.05], [-0.2, -0.25, 0.1]])
-    owner = np.where(np.arange(width) < width // 2, 0, 1).astype(np.int8)[None].repeat(height, axis=0)
-    owner[:, :4] = -1
-    along = np.sum(rays * offsets[np.maximum(owner, 0)], axis=-1)
-    square = np.sum(offsets[np.maximum(owner, 0)].astype(float) ** 2, axis=-1)
-    range_m = (-along + np.sqrt(along**2 + 25.0 - square)).astype(np.float32)  # of |offset + r ray| = 5 m
-    range_m[10, 50:60], range_m[20, 50:60] = np.nan, np.inf
-    std_m = np.arange(height * width, dtype=np.float32).reshape(height, width)
-    found, found_std = np.empty_like(range_m), np.empty_like(std_m)
-    kernels.recenter(range_m, std_m, owner, offsets, columns, rows, np.float32(0.125), found, found_std)
-    with np.errstate(invalid="ignore"):
-        reach = (range_m + along)[..., None]
-        q = reach * rays - (1.0 - reach * 0.125) * offsets[np.maximum(owner, 0)]
-        u = (0.5 - np.arctan2(q[..., 1], q[..., 0]) / (2 * np.pi)) * width - 0.5
-        v = (0.5 - np.arctan2(q[..., 2], np.hypot(q[..., 0], q[..., 1])) / np.pi) * height - 0.5
-        row, column = (np.nan_to_num(np.floor(place + 0.5)).astype(int) for place in (v, u))
-        at = row.clip(0, height - 1), column % width
-    is_moved = (owner >= 0) & np.isfinite(range_m) & np.isfinite(range_m[at])
-    on_edge = (np.abs(u % 1 - 0.5) < 1e-3) | (np.abs(v % 1 - 0.5) < 1e-3)  # rounded either way
-    sure = is_moved & ~on_edge
-    np.testing.assert_allclose(found[sure], (range_m[at] + along)[sure], rtol=1e-6)
-    np.testing.assert_array_equal(found_std[sure], std_m[at][sure])
-    assert np.isnan(found[owner < 0]).all()
-    assert np.isnan(found[10, 50:60]).all()
-    assert np.isposinf(found[20, 50:60]).all()
-    is_same = is_moved & (owner[at] == owner)  # over the seam it is the other camera's range
-    assert np.abs(found[is_same] - 5.0).max() < 0.05  # to first order in 0.33 m / 5 m, and half a pixel

@@ -82,16 +82,15 @@ def comparison(rng, exposures=(0.0, 0.25), lenses=(TRUE, TRUE), number=600, wron
     return PairRatios(numbers, numbers, (squares[0], squares[1]), ratio, np.full(number, 0.05))
 
 
-@pytest.mark.parametrize("wrong", [0.3])
-def test_falloff_and_exposures_are_found(rng, wrong):
+def test_falloff_and_exposures_are_found_though_a_third_is_wrong(rng):
     found = Falloff(["lens", "lens"])
-    seen = [comparison(rng, wrong=wrong) for _ in range(8)]
+    seen = [comparison(rng, wrong=0.3) for _ in range(8)]
     for one in seen:
         found.update(one, 2)
     at = np.linspace(0, 1, 9)
     for coefficients in found.coefficients:
-        np.testing.assert_allclose(falloff(coefficients, at), falloff(TRUE, at), atol=0.02 if wrong == 0 else 0.05)
-    np.testing.assert_allclose(np.diff(found.exposures(seen[0], 2)), 0.25, atol=0.01 if wrong == 0 else 0.05)
+        np.testing.assert_allclose(falloff(coefficients, at), falloff(TRUE, at), atol=0.05)
+    np.testing.assert_allclose(np.diff(found.exposures(seen[0], 2)), 0.25, atol=0.05)
 
 
 def test_no_lens_is_said_to_brighten_towards_its_rim(rng):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, draw_nearest
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, draw_nearest, sample_inverse
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from worlds.box_and_wall import depth_of_box_and_wall
 
@@ -47,3 +47,20 @@ def test_the_nearest_of_points_hides_the_others_and_goes_round_the_back_of_a_sph
         np.testing.assert_allclose(found[:2, 7], 3.0, rtol=1e-6)
         np.testing.assert_allclose(found[0, 0], 3.0 if is_whole else np.inf, rtol=1e-6)
         assert np.count_nonzero(np.isfinite(found)) == (8 if is_whole else 6)
+
+
+def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
+    v, u = np.mgrid[0:6, 0:8].astype(np.float32)
+    inverse = 0.5 + 0.003 * u - 0.002 * v
+    inverse[:, 5:] = 0.1
+    inverse[0, 0] = np.nan
+    rng = np.random.default_rng(0)
+    x, y = (rng.uniform(-0.49, last, (20, 25)).astype(np.float32) for last in (7.49, 5.49))
+    sampled = sample_inverse(inverse, x, y, 0.05)
+    inner = (x >= 1) & (x <= 4) & (y >= 1) & (y <= 5)
+    np.testing.assert_allclose(sampled[inner], (0.5 + 0.003 * x - 0.002 * y)[inner], rtol=1e-4)
+    nearest = inverse[np.rint(y).astype(int), np.rint(x).astype(int)]
+    edge = ((x > 4) & (x < 5)) | ((x < 1) & (y < 1))
+    np.testing.assert_array_equal(sampled[edge], nearest[edge])
+    beyond = np.float32([[-0.6, 7.6, 3.0, -1e4]])
+    assert np.isnan(sample_inverse(inverse, beyond, np.float32([[3.0, 3.0, 5.6, -1e4]]))).all()

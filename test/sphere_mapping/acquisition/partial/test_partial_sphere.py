@@ -3,12 +3,10 @@ from dataclasses import replace
 import numpy as np
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, roll, sphere_from_rgbd, sphere_from_view
-from sphere_mapping.acquisition.partial.window import window_of
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_view
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
@@ -122,19 +120,6 @@ def difference(view, other):
     both = np.isfinite(one.range_m) & np.isfinite(two.range_m)
     off = np.abs(one.image.astype(float) - two.image)[both].mean()
     return off, np.median(np.abs(one.range_m / two.range_m - 1.0)[both])
-
-
-def test_pixels_of_rays_are_those_of_the_definition():
-    window = window_of(ROLLING, T_BODY_OPTICAL, 1131)
-    rays = window.unproject(pixel_grid(window)) @ T_BODY_OPTICAL.rotation
-    pixels, _ = ROLLING.project(rays)
-    u, v = np.moveaxis(np.nan_to_num(pixels, nan=-1e4).astype(np.float32), -1, 0)
-    near = np.full(u.shape, 0.4, np.float32)
-    rows = roll(u, v, ROLLING, T_BODY_OPTICAL, window, TWIST, near)
-    expected, seen = project_rolling(ROLLING, (rays / 0.4).reshape(-1, 3), OPTICAL_TWIST)
-    found = np.stack([rows.u, rows.v], axis=-1).reshape(-1, 2)
-    assert np.abs(found - expected)[seen].max() < 0.05  # half of (s omega)^2 f
-    assert np.linalg.norm(expected - pixels.reshape(-1, 2), axis=1)[seen].max() > 1.0
 
 
 def test_a_sphere_is_straightened():
