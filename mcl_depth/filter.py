@@ -33,15 +33,14 @@ from sphere_nav.localization.status import status_of
 class Filter:
     """One camera in one map."""
 
-    def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area) -> None:
+    def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
         self.num_headings = num_alpha_for(params.heading_step_deg)
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, self._motion)
-        grid, chance_sigma = SurveyGrid(depth_map, area.middles), depth_map.likeness.chance_sigma
-        self.evidence = Evidence(grid, params.state.max_chance, chance_sigma)
+        self.evidence = Evidence(grid, params.state.max_chance, depth_map.likeness.chance_sigma)
         self._states = StateMachine(params.state)
         self.particles: Particles
         self.reset()

@@ -26,7 +26,7 @@ from dense_localizer.track.visual_odometry import VisualOdometry
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
-from mcl_depth.belief.joint_evidence import Drives, JointEvidence
+from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import MotionModel
 from mcl_depth.homing import Homing
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
@@ -96,7 +96,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                     "endpoints params clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
-    "Drives": (lambda: Drives(0.5, 1.0), "reset", ""),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3, 0.6), "reset",
                  "grid max_chance chance_sigma"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
