@@ -12,13 +12,23 @@ the motion; where they do not, it is that of the images, as far as they could be
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion, way_of
+from mcl_depth.belief.motion_model import (
+    Step,
+    blind_step,
+    compose_planar,
+    motion_sigmas,
+    odometry_step,
+    planar_pose,
+    relative_motion,
+    way_of,
+)
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     IMAGE_DRIFT,
@@ -33,6 +43,7 @@ from mcl_depth.constants import (
     WHEEL_SIGMA,
 )
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.params import MotionParams
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
@@ -67,6 +78,7 @@ class Reconciled:
     is_known: bool = True
     is_verified: bool = False
     hint: Verdict = FINE
+    step: Step = field(default_factory=partial(blind_step, 0.0))  # since the image that is kept
 
     @property
     def is_contradicted(self) -> bool:
@@ -127,16 +139,15 @@ def image_covariance(way: float) -> Array:
 class ReconciledOdometry:
     """Holds odometry against the images; `reconcile` gives odometry that goes on as both say."""
 
-    def __init__(self, depth_map: DepthMap, noise: MotionModel) -> None:
-        self._images, self._noise = ImageMotion(depth_map), noise
+    def __init__(self, depth_map: DepthMap, params: MotionParams) -> None:
+        self._images, self._params = ImageMotion(depth_map), params
         self.reset()
 
     def reset(self) -> None:
         """Begin with another stream of images and odometry."""
-        self._noise.reset()
         self.forget()
-        self._reference: tuple[Array, Array] | None = None  # odometry at the image that is kept: as it came, reconciled
-        self._now: tuple[Array, Array] | None = None  # the same of the last image
+        self._reference: tuple[Observation, Observation] | None = None  # the image that is kept: as it came, reconciled
+        self._now: tuple[Observation, Observation] | None = None  # the same of the last image
 
     def forget(self) -> None:
         """Forget the image: odometry is believed until two of them are compared."""
@@ -161,23 +172,24 @@ class ReconciledOdometry:
 
         The range around a place that is not held (`is_held`) is a guess: what images say with it is but a hint.
         """
+        before, self._now = self._reference, (observation, observation)
         raw = observation.odometry
-        if raw is None:
-            self._now = None
-            return Reconciled(observation)
-        if self._reference is None:
-            self._now = raw, raw
-            return Reconciled(observation)
-        before, base = self._reference
-        motion = relative_motion(before, raw)
+        if before is None:
+            return Reconciled(observation, step=Step(np.zeros(3), np.zeros(3), is_known=raw is not None))
+        kept, reconciled = before
+        seconds = max((observation.stamp_ns - kept.stamp_ns) * 1e-9, 0.0)
+        if raw is None or kept.odometry is None or reconciled.odometry is None:
+            return Reconciled(observation, step=blind_step(seconds))
+        motion = relative_motion(kept.odometry, raw)
         finding, fused, is_known, is_verified = self._compare(observation, motion)
-        self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
-        observation = replace(observation, odometry=self._now[1])
-        return (
-            Reconciled(observation, finding, is_known, is_verified)
-            if is_held
-            else Reconciled(observation, hint=finding)
-        )
+        if is_held:
+            motion = fused
+        here = replace(observation, odometry=compose_planar(reconciled.odometry[None], motion)[0])
+        self._now = observation, here
+        step = odometry_step(motion, seconds, self._params)
+        if not is_held:
+            return Reconciled(here, hint=finding, step=step)
+        return Reconciled(here, finding, is_known, is_verified, step=step if is_known else blind_step(seconds))
 
     def _compare(self, observation: Observation, motion: Array) -> tuple[Verdict, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
@@ -194,7 +206,7 @@ class ReconciledOdometry:
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
             return Verdict(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
-        C_odometry = np.diag(self._noise.sigmas(motion, WHEEL_SIGMA) ** 2)
+        C_odometry = np.diag(motion_sigmas(motion, self._params, WHEEL_SIGMA) ** 2)
         difference = step.motion - motion
         difference[2] = float(wrap_angle(difference[2]))
         square = squared_mahalanobis(difference, C_odometry + step.covariance)

@@ -27,7 +27,6 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
 from mcl_depth.belief.joint_evidence import JointEvidence
-from mcl_depth.belief.motion_model import MotionModel
 from mcl_depth.homing import Homing
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
 from path_follower.arming import Arming
@@ -113,7 +112,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
-    "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
     "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
     "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),
     "OdometryInput": (odometry_input, "reset", "endpoints tree base_frame topic"),
@@ -121,7 +119,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
                    "references params is_automatic startup"),
     "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
-    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionModel(MotionParams())), "reset", ""),
+    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionParams()), "reset", "params"),
     "RigIntake": (lambda: RigIntake(vertical_rig(), SphereStitcherParams(), None, None, None), "clear",
                   "rig params T_rig_lidar now_ns lookup on_instants has_points levels"),
     "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),

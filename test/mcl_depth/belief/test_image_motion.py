@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, image_covariance
-from mcl_depth.belief.motion_model import MotionModel
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
@@ -68,7 +69,7 @@ def test_a_long_way_by_images_is_less_sure():
 @pytest.fixture
 def check():
     """What has seen two images half a metre apart, the second of them at (0.5, 0) and kept."""
-    found = ReconciledOdometry(Room(), MotionModel(MotionParams()))
+    found = ReconciledOdometry(Room(), MotionParams())
     for x in (0.0, 0.5):
         found.reconcile(observe(image_at(x, 0.0), (x, 0.0, 0.0)), is_held=True)
         found.keep(image_at(x, 0.0), np.ones((90, 180), np.bool_), np.array([x, 0.0, 0.0]))
@@ -98,6 +99,16 @@ def test_an_image_of_another_place_leaves_the_motion_unknown_unless_images_never
     check.forget()
     check.keep(image_at(0.5, 0.0), np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
     assert not check.reconcile(observe(strange, (1.0, 0.0, 0.0)), is_held=True).is_contradicted
+
+
+@pytest.mark.parametrize("gap", [0, 1])
+def test_after_a_gap_in_odometry_nobody_knows_the_way(check, gap):
+    for odometry in [None] * (gap + 1) + [(1.0, 0.0, 0.0)] * gap:
+        seen = check.reconcile(replace(observe(image_at(1.0, 0.0), odometry), stamp_ns=1 - 10**9 * gap), is_held=True)
+        if odometry is None:
+            check.keep(image_at(1.0, 0.0), np.ones((90, 180), np.bool_), np.array([1.0, 0.0, 0.0]))
+    assert not seen.step.is_known
+    assert not seen.step.sigmas.any()  # of a clock that goes back, too
 
 
 def test_images_that_move_across_odometry_name_the_mounting(check):
