@@ -7,6 +7,8 @@ judge, resample, and put new particles where the evidence points. Poses leave in
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
@@ -103,7 +105,7 @@ class Filter:
     def _localize(self, seen: Reconciled, comparison: Comparison) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
-        particles = self.particles.with_poses(sample_motion(self.particles.poses, seen.step, self._rng))
+        particles = replace(self.particles, poses=sample_motion(self.particles.poses, seen.step, self._rng))
         curves = comparison.curves(particles.poses)
         particles = adjust_headings(particles, curves, self._rng)
         similarities = interpolate_similarity(curves, particles.poses[:, 2])

@@ -86,49 +86,22 @@ class Reconciled:
         return self.finding is not FINE
 
 
-class ImageMotion:
-    """Measures the motion since one image that it keeps."""
+def measure_motion(view: View, observation: Observation, guess: Array) -> ImageStep:
+    """Return the motion since an image, from a first guess (3,).
 
-    def __init__(self, depth_map: DepthMap) -> None:
-        self._map = depth_map
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the image."""
-        self._view: View | None = None
-        self._reach_m = 0.0
-
-    def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array) -> None:
-        """Measure from this levelled image (H, W) on, taken at a pose (3,) of the map."""
-        range_m = self._map.ranges_from(pose)
-        self._view = None
-        if range_m is not None:
-            range_m[~is_seen] = np.nan
-            finite = range_m[np.isfinite(range_m)]
-            self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
-            self._view = View(
-                prepare_reference(gray, range_m, self._map.camera, REGISTRATION, keep_edges=True), SE3.identity()
-            )
-
-    def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
-        """Return the motion since the image that was kept, from a first guess (3,); None where there is none.
-
-        One that was not found has no weight; how well the image fits there tells whether it is of another place. Of a
-        way that is long by what is seen an alignment says nothing: a room looks another from its other end.
-        """
-        if self._view is None or way_of(guess) > self._reach_m:
-            return None
-        image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
-        pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
-        T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
-        T_before_level = SE3.from_planar(*guess)
-        found = register(pyramid, [self._view], T_before_level @ T_level_camera, REGISTRATION)
-        if not found.is_converged:
-            return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
-        motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
-        Ad = T_level_camera.adjoint()
-        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way_of(motion))
-        return ImageStep(motion, covariance, found.ncc)
+    One that was not found has no weight; how well the image fits there tells whether it is of another place.
+    """
+    image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
+    pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
+    T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
+    T_before_level = SE3.from_planar(*guess)
+    found = register(pyramid, [view], T_before_level @ T_level_camera, REGISTRATION)
+    if not found.is_converged:
+        return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
+    motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
+    Ad = T_level_camera.adjoint()
+    covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way_of(motion))
+    return ImageStep(motion, covariance, found.ncc)
 
 
 def image_covariance(way: float) -> Array:
@@ -140,7 +113,7 @@ class ReconciledOdometry:
     """Holds odometry against the images; `reconcile` gives odometry that goes on as both say."""
 
     def __init__(self, depth_map: DepthMap, params: MotionParams) -> None:
-        self._images, self._params = ImageMotion(depth_map), params
+        self._map, self._params = depth_map, params
         self.reset()
 
     def reset(self) -> None:
@@ -151,7 +124,8 @@ class ReconciledOdometry:
 
     def forget(self) -> None:
         """Forget the image: odometry is believed until two of them are compared."""
-        self._images.reset()
+        self._view: View | None = None  # of the image that is kept
+        self._reach_m = 0.0
         self._usual_ncc = self._usual_way = 0.0
         self._fit: tuple[float, float] | None = None  # of the last image: correlation, way in m
 
@@ -162,10 +136,14 @@ class ReconciledOdometry:
             share, (ncc, way) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
             self._usual_ncc += share * (ncc - self._usual_ncc)
             self._usual_way += share * (way - self._usual_way)
-        if pose is None:
-            self._images.reset()
-        else:
-            self._images.keep(gray, is_seen, pose)
+        range_m = self._map.ranges_from(pose) if pose is not None else None
+        self._view = None
+        if range_m is not None:
+            range_m[~is_seen] = np.nan
+            finite = range_m[np.isfinite(range_m)]
+            self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
+            reference = prepare_reference(gray, range_m, self._map.camera, REGISTRATION, keep_edges=True)
+            self._view = View(reference, SE3.identity())
 
     def reconcile(self, observation: Observation, *, is_held: bool) -> Reconciled:
         """Return an observation with odometry that images and odometry agree on, and what they disagree on.
@@ -194,12 +172,13 @@ class ReconciledOdometry:
     def _compare(self, observation: Observation, motion: Array) -> tuple[Verdict, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
 
-        An image that cannot be aligned says something only where such images usually can.
+        An image that cannot be aligned says something only where such images usually can; of a way that is long by what
+        is seen an alignment says nothing: a room looks another from its other end.
         """
-        self._fit = None
-        step, way = self._images.measure(observation, motion), way_of(motion)
-        if step is None:
+        self._fit, way = None, way_of(motion)
+        if self._view is None or way > self._reach_m:
             return FINE, motion, True, False
+        step = measure_motion(self._view, observation, motion)
         if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
             self._fit = step.ncc, way
             return FINE, motion, True, False

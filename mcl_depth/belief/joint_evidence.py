@@ -81,17 +81,13 @@ class JointEvidence:
             self._rests, self._turn = np.zeros((fields.shape[-3], 2)), 0.0
         else:
             motion = relative_motion(self._last, odometry)
-            news = self._news(motion)
+            news = min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)  # 0 to 1
             kept = FORGETTING ** np.float32(news)
             self._total = kept * self._propagate(self._total, motion) + np.float32(news) * fields
             self._num_remembered = float(kept) * self._num_remembered + news
             self._num_images += news
         self._last = odometry
         return self._total
-
-    def _news(self, motion: Array) -> float:
-        """Return how much of an image counts after a motion (3,), 0 to 1."""
-        return min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)
 
     def _propagate(self, total: Field, motion: Array) -> Field:
         """Return the sum for the poses after a motion (3,) in the vehicle's axes."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,8 +66,6 @@ class SE3:
         xi = np.asarray(tangent, dtype=np.float64)
         v, omega = xi[..., :3], xi[..., 3:]
         R, V = so3.exp_and_left_jacobian(omega)
-        if xi.ndim == 1:
-            return SE3.from_parts(R, V @ v)
         return SE3.from_parts(R, (V @ v[..., None])[..., 0])
 
     def log(self) -> Array:
@@ -145,9 +141,5 @@ class SE3:
     def distance(self, other: SE3) -> tuple[Array, Array]:
         """Return how far apart two poses are: metres between origins, radians between axes."""
         between = self.inverse() @ other
-        if between.matrix.ndim == 2:
-            vectors = between.translation, so3.log(between.rotation)
-            found: Any = tuple(np.float64(math.hypot(*vector.tolist())) for vector in vectors)
-            return found  # type: ignore[no-any-return]
         angle = np.linalg.norm(so3.log(between.rotation), axis=-1)
         return np.linalg.norm(between.translation, axis=-1), angle

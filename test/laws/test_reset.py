@@ -25,7 +25,7 @@ from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
+from mcl_depth.belief.image_motion import ReconciledOdometry
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.homing import Homing
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
@@ -99,7 +99,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                  "grid max_chance chance_sigma"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
                "waypoints way params offsets"),
-    "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
     "Inputs": (lambda: Inputs(LocalizerParams(), 1e6), "reset", "params pixels_per_radian"),
     "Integrity": (lambda: Integrity(SimpleNamespace(error=None, pixels_per_radian=326.0), LocalizerParams()), "reset",
@@ -119,7 +118,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
                    "references params is_automatic startup"),
     "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
-    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionParams()), "reset", "params"),
+    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionParams()), "reset", "map params"),
     "RigIntake": (lambda: RigIntake(vertical_rig(), SphereStitcherParams(), None, None, None), "clear",
                   "rig params T_rig_lidar now_ns lookup on_instants has_points levels"),
     "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, image_covariance
+from mcl_depth.belief.image_motion import ReconciledOdometry, image_covariance, measure_motion
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
@@ -54,9 +54,9 @@ def test_a_turned_camera_is_unsure_along_the_corridor():
                 ]
             stripes = np.sin(points @ [0.1, 3.3, 1.7]) + np.sin(points @ [-0.1, 2.3, 3.9])
             images.append((128.0 + 50.0 * stripes).astype(np.float32))
-        motion = ImageMotion(Room())
-        motion.keep(images[0], np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
-        step = motion.measure(Observation(images[1], CAMERA, 1, turn), np.array([0.15, 0.0, 0.0]))
+        found = ReconciledOdometry(Room(), MotionParams())
+        found.keep(images[0], np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
+        step = measure_motion(found._view, Observation(images[1], CAMERA, 1, turn), np.array([0.15, 0.0, 0.0]))
         by_image = np.diag(step.covariance - image_covariance(float(np.hypot(*step.motion[:2]))))
         assert by_image[0] > 5.0 * by_image[1] > 0.0
 
