@@ -53,13 +53,15 @@ def log(rotation: ArrayLike) -> Array:
         if cosine > LEAST_COSINE:
             factor = math.atan2(sine, cosine) / sine if sine > TINY else 1.0
             return np.array([factor * x, factor * y, factor * z])
-    return _by_scipy(R).as_rotvec().reshape(R.shape[:-1])
+    vector: Array = _by_scipy(R).as_rotvec().reshape(R.shape[:-1])
+    return vector
 
 
 def to_quaternion(rotation: ArrayLike) -> Array:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (..., 3, 3)."""
     R = np.asarray(rotation, dtype=np.float64)
-    return _by_scipy(R).as_quat(canonical=True).reshape(*R.shape[:-2], 4)
+    unit: Array = _by_scipy(R).as_quat(canonical=True).reshape(*R.shape[:-2], 4)
+    return unit
 
 
 def _by_scipy(R: Array) -> Any:

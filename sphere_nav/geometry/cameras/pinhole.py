@@ -35,7 +35,6 @@ class PlaneCamera:
     cy: float
     is_whole = False
     model: ClassVar[str]
-    distortion = ()
     num_distortion: ClassVar[tuple[int, int]] = (0, 0)  # coefficients, at least and at most
 
     def __post_init__(self) -> None:
@@ -49,6 +48,11 @@ class PlaneCamera:
         if not least <= len(self.distortion) <= most or not np.all(np.isfinite(self.distortion)):
             expected = f"expected {'up to ' if least < most else ''}{most} finite numbers"
             raise ValueError(f"distortion: {expected}, found {self.distortion}")
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Coefficients in the order of the model; none of a model without."""
+        return ()
 
     @cached_property
     def coefficients(self) -> Array:
