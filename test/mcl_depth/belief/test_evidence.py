@@ -168,6 +168,9 @@ def test_control_drives_look_aside_and_back_and_in_a_mirror():
     assert others == [pytest.approx(6.0 + 2.0 * FORGETTING)] * 3  # of three drives one goes there
     assert ahead == 6.0
     assert level_of(7, 5, sees=0).mirrored == pytest.approx(6.0 + 6.0 * FORGETTING)
+    field, mask = np.zeros((36, 12, 12), np.float32), np.tile(np.arange(12) < 6, (12, 1))
+    field[0, 5, 2] = 6.0  # where the map has cells
+    assert JointEvidence(EDGE, 2 * EDGE).add(0.0 * field, field, np.zeros(3), mask)[1].mirrored == 6.0
 
 
 def test_a_drive_reaches_from_one_of_its_images_to_another():

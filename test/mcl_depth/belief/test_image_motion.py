@@ -46,12 +46,9 @@ def test_a_turned_camera_is_unsure_along_the_corridor():
     for yaw in (0.0, 1.0):
         turn, images = SE3.from_planar(0.0, 0.0, yaw).rotation, []
         for x, rays in ((0.5, CAMERA.unproject(GRID)), (0.7, CAMERA.unproject(GRID) @ turn.T)):
+            place = [x, 0.0, 0.0]
             with np.errstate(divide="ignore"):
-                points = rays * np.min((np.sign(rays) * HALF - [x, 0.0, 0.0]) / rays, axis=-1)[..., None] + [
-                    x,
-                    0.0,
-                    0.0,
-                ]
+                points = rays * np.min((np.sign(rays) * HALF - place) / rays, axis=-1)[..., None] + place
             stripes = np.sin(points @ [0.1, 3.3, 1.7]) + np.sin(points @ [-0.1, 2.3, 3.9])
             images.append((128.0 + 50.0 * stripes).astype(np.float32))
         found = ReconciledOdometry(Room(), MotionParams())
@@ -101,14 +98,13 @@ def test_an_image_of_another_place_leaves_the_motion_unknown_unless_images_never
     assert not check.reconcile(observe(strange, (1.0, 0.0, 0.0)), is_held=True).is_contradicted
 
 
-@pytest.mark.parametrize("gap", [0, 1])
-def test_after_a_gap_in_odometry_nobody_knows_the_way(check, gap):
-    for odometry in [None] * (gap + 1) + [(1.0, 0.0, 0.0)] * gap:
-        seen = check.reconcile(replace(observe(image_at(1.0, 0.0), odometry), stamp_ns=1 - 10**9 * gap), is_held=True)
-        if odometry is None:
-            check.keep(image_at(1.0, 0.0), np.ones((90, 180), np.bool_), np.array([1.0, 0.0, 0.0]))
+def test_after_a_gap_in_odometry_nobody_knows_the_way(check):
+    image = image_at(1.0, 0.0)
+    check.reconcile(replace(observe(image, None), stamp_ns=2 * 10**9), is_held=True)
+    check.keep(image, np.ones((90, 180), np.bool_), np.array([1.0, 0.0, 0.0]))
+    seen = check.reconcile(observe(image, (1.0, 0.0, 0.0)), is_held=True)
     assert not seen.step.is_known
-    assert not seen.step.sigmas.any()  # of a clock that goes back, too
+    assert not seen.step.sigmas.any()  # by a clock that went back
 
 
 def test_images_that_move_across_odometry_name_the_mounting(check):

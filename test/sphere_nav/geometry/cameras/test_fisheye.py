@@ -25,6 +25,8 @@ def test_straight_behind_is_not_visible():
     assert visible.tolist() == [False, True]
     assert np.isnan(pixels[0]).all()
     np.testing.assert_allclose(pixels[1], [499.5, 499.5])
+    rays = camera.unproject([[499.5 + 150.0 * 3.14, 499.5], [499.5 + 150.0 * 3.15, 499.5]])
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
 
 
 def test_folding_of_strong_distortion_and_wrong_coefficients_are_refused():
