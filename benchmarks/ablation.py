@@ -91,9 +91,7 @@ MECHANISMS = {
     "controls": Mechanism(*WRONG_MAPS, ("mcl_depth.belief.evidence.chances_of_place",), _chance_by_rivals),
     "injection": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.inject_at_places",), lambda particles, *_: particles),
     "headings": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.adjust_headings",), lambda particles, *_: particles),
-    "image_motion": Mechanism(
-        *CONTRADICTIONS, ("mcl_depth.belief.image_motion.ImageMotion.measure",), _nothing
-    ),
+    "image_motion": Mechanism(*CONTRADICTIONS, ("mcl_depth.belief.image_motion.View",), _nothing),
 }  # fmt: skip
 
 

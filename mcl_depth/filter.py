@@ -7,6 +7,8 @@ judge, resample, and put new particles where the evidence points. Poses leave in
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
@@ -14,7 +16,7 @@ from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose,
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
-from mcl_depth.belief.motion_model import MotionModel, sample_motion
+from mcl_depth.belief.motion_model import sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
@@ -33,15 +35,13 @@ from sphere_nav.localization.status import status_of
 class Filter:
     """One camera in one map."""
 
-    def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area) -> None:
+    def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
         self.num_headings = num_alpha_for(params.heading_step_deg)
         self._input = InputCheck(params.input)
-        self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
-        self.odometry = ReconciledOdometry(depth_map, self._motion)
-        grid, chance_sigma = SurveyGrid(depth_map, area.middles), depth_map.likeness.chance_sigma
-        self.evidence = Evidence(grid, params.state.max_chance, chance_sigma)
+        self.odometry = ReconciledOdometry(depth_map, params.motion)
+        self.evidence = Evidence(grid, params.state.max_chance, depth_map.likeness.chance_sigma)
         self._states = StateMachine(params.state)
         self.particles: Particles
         self.reset()
@@ -105,15 +105,14 @@ class Filter:
     def _localize(self, seen: Reconciled, comparison: Comparison) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
-        step = self._motion.step(observation.stamp_ns, observation.odometry, is_known=seen.is_known)
-        particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
+        particles = replace(self.particles, poses=sample_motion(self.particles.poses, seen.step, self._rng))
         curves = comparison.curves(particles.poses)
         particles = adjust_headings(particles, curves, self._rng)
         similarities = interpolate_similarity(curves, particles.poses[:, 2])
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen)
+        verdict = judge_belief(hypotheses, proof, seen.step, p.state.max_chance).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance

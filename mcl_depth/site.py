@@ -79,7 +79,7 @@ class Site:
         self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
         self.depth_map = DepthMap(self.synthesizer, Ground(points).heights, height, params, name)
         self.area: Area = find_area(points, self.depth_map.heights, params.area)
-        self.places = SurveyGrid(self.depth_map, self.area.middles).positions  # (N, 2) m, compared with every image
+        self.grid = SurveyGrid(self.depth_map, self.area.middles)  # compared with every image
         if is_ready:
             self.prepare()
 
@@ -88,12 +88,13 @@ class Site:
 
         With `cache.folder` they are kept then: what was made once is read by the next site.
         """
-        num_missing = self.depth_map.fill(self.places, at_most)
+        places = self.grid.positions
+        num_missing = self.depth_map.fill(places, at_most)
         if not num_missing:
-            self.depth_map.prepare(self.places)
-            self.depth_map.ranges_from(np.array([*self.places[0], 0.0]))  # no image waits for what draws
-        return 1.0 - num_missing / len(self.places)
+            self.depth_map.prepare(places)
+            self.depth_map.ranges_from(np.array([*places[0], 0.0]))  # no image waits for what draws
+        return 1.0 - num_missing / len(places)
 
     def filter(self) -> Filter:
         """Return a filter that knows nothing yet."""
-        return Filter(self.params, self.depth_map, self.area)
+        return Filter(self.params, self.depth_map, self.area, self.grid)

@@ -23,7 +23,6 @@ from cycab_sim.world.worlds import World, build_world, geometry_cloud
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
 from mcl_depth.belief.particles import wrap_angle
-from mcl_depth.filter import Filter
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
@@ -233,7 +232,8 @@ def run_filter(site: Site, steps: Iterable[Step], seed: int, start: tuple[Array,
 
     It knows nothing, or a `start`: pose (3,) and standard deviations (3,).
     """
-    filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
+    site.params = replace(site.params, seed=seed)
+    filter_ = site.filter()
     if start is not None:
         (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
         covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))

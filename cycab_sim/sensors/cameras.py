@@ -80,7 +80,7 @@ def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center 
         limit = 2 * math.degrees(math.atan(pinhole.max_radius))
     else:
         camera = fisheye = Fisheye(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
-        limit = 2 * math.degrees(fisheye.max_angle)
+        limit = 2 * math.degrees(fisheye.max_radius)
     if params.view_deg > limit or f <= 0.0:
         expected = f"expected at most {limit:.0f} with this distortion"
         raise ValueError(f"{name}.view_deg: {expected}, found {params.view_deg}")

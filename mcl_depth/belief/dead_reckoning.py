@@ -23,29 +23,27 @@ class DeadReckoning:
     def reset(self) -> None:
         """Forget the place."""
         self.best: Hypothesis | None = None
-        self._confirmed_at: Array | None = None  # odometry
-        self._compared_at: Array | None = None
-        self._confirmed_ns = self._compared_ns = 0
+        self._confirmed: Observation | None = None  # the image that confirmed it
+        self._compared: Observation | None = None
         self._stands = self._was_vague = False
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
-        self._stands, self._compared_ns = self._is_close(observation), observation.stamp_ns
-        self._compared_at = observation.odometry
+        self._stands, self._compared = self._is_close(observation), observation
         if is_confirmed:
-            self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
+            self.best, self._confirmed = best, observation
 
     def is_near(self, observation: Observation, *, is_sure: bool) -> bool:
         """Whether an image is from nearly the place and heading of the last one: it would tell nothing new.
 
         Where only odometry says so (not `is_sure`), the first image of a standstill and one a second do tell something.
         """
-        if not self._is_close(observation):
+        if self._compared is None or not self._is_close(observation):
             return False
-        return is_sure or (self._stands and observation.stamp_ns - self._compared_ns < STANDSTILL_NS)
+        return is_sure or (self._stands and observation.stamp_ns - self._compared.stamp_ns < STANDSTILL_NS)
 
     def _is_close(self, observation: Observation) -> bool:
-        motion = _motion(self._compared_at, observation)
+        motion = _motion(self._compared, observation)
         if motion is None:
             return False
         return abs(motion[2]) < MIN_TURN and way_of(motion) < self._params.min_way
@@ -53,7 +51,7 @@ class DeadReckoning:
     def propagate(self, observation: Observation) -> tuple[Array, Array]:
         """Return x, y, yaw (3,) at an image and their covariance (3, 3), which grows on the way."""
         assert self.best is not None
-        motion = _motion(self._confirmed_at, observation)
+        motion = _motion(self._confirmed, observation)
         if motion is None:
             return self.best.pose, self.best.covariance
         way = way_of(motion)
@@ -80,10 +78,10 @@ class DeadReckoning:
 
     def age(self, stamp_ns: int) -> float:
         """Return seconds since an image confirmed the place; 0 before the first."""
-        return max((stamp_ns - self._confirmed_ns) * 1e-9, 0.0) if self._confirmed_ns else 0.0
+        return max((stamp_ns - self._confirmed.stamp_ns) * 1e-9, 0.0) if self._confirmed is not None else 0.0
 
 
-def _motion(before: Array | None, observation: Observation) -> Array | None:
-    if before is None or observation.odometry is None:
+def _motion(before: Observation | None, observation: Observation) -> Array | None:
+    if before is None or before.odometry is None or observation.odometry is None:
         return None
-    return relative_motion(before, observation.odometry)
+    return relative_motion(before.odometry, observation.odometry)

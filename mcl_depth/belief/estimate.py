@@ -53,8 +53,7 @@ class Estimate:
 
 def level_pose(pose: Array, height: float) -> SE3:
     """Return T_map_level from x, y, yaw and the height of the camera in the map."""
-    planar = SE3.from_planar(*pose)
-    return SE3.from_parts(planar.rotation, [*planar.translation[:2], height])
+    return SE3.from_parts(so3.exp([0.0, 0.0, pose[2]]), [*pose[:2], height])
 
 
 def pose_covariance(covariance: Array, yaw: float) -> Array:

@@ -5,7 +5,7 @@ is how well the rest of the map fits the same images. So each image is compared 
 (`likeness/gradient_filter.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
 The best place of the map is then held against two things. Drives that are not in the map are made of the same images
-(`joint_evidence.Drives`): what they reach by chance, the drive itself reaches by chance, in n images more or
+(`JointEvidence`): what they reach by chance, the drive itself reaches by chance, in n images more or
 less by sqrt(n) / 2 or so, and by more where all are of one room. By how many sqrt(n) the best place exceeds them says
 whether the images are of this map, and by how much it leads its rivals whether it is that place: `chances_of_place`.
 Where only the first is sure, two places are alike. But streets of another town fit better than any control drive does:
@@ -24,7 +24,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, Field
+from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence
 from mcl_depth.belief.motion_model import way_of
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
@@ -99,7 +99,7 @@ class Evidence:
     def __init__(self, grid: SurveyGrid, max_chance: float, chance_sigma: float) -> None:
         """`max_chance`: a place that was accepted is chance so often; `chance_sigma` is that of `Likeness`."""
         self._grid, self._max_chance, self._chance_sigma = grid, max_chance, chance_sigma
-        self._drives = Drives(grid.edge, grid.diagonal)
+        self._drives = JointEvidence(grid.edge, grid.diagonal)
         self.reset()
 
     def reset(self, *, is_given: bool = False) -> None:
@@ -153,7 +153,7 @@ class Evidence:
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
-            curves = _contrast(comparison.survey(self._grid.positions, rows[is_there]))
+            curves = _contrast(comparison.survey(rows[is_there]))
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
@@ -161,9 +161,7 @@ class Evidence:
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field, mirrored = (
-            standardize(one.survey(self._grid.positions), self._grid) for one in (comparison, comparison.mirrored)
-        )
+        field, mirrored = (standardize(one.survey(), self._grid) for one in (comparison, comparison.mirrored))
         joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)

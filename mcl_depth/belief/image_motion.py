@@ -12,13 +12,23 @@ the motion; where they do not, it is that of the images, as far as they could be
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion, way_of
+from mcl_depth.belief.motion_model import (
+    Step,
+    blind_step,
+    compose_planar,
+    motion_sigmas,
+    odometry_step,
+    planar_pose,
+    relative_motion,
+    way_of,
+)
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     IMAGE_DRIFT,
@@ -33,6 +43,7 @@ from mcl_depth.constants import (
     WHEEL_SIGMA,
 )
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.params import MotionParams
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
@@ -67,6 +78,7 @@ class Reconciled:
     is_known: bool = True
     is_verified: bool = False
     hint: Verdict = FINE
+    step: Step = field(default_factory=partial(blind_step, 0.0))  # since the image that is kept
 
     @property
     def is_contradicted(self) -> bool:
@@ -74,49 +86,22 @@ class Reconciled:
         return self.finding is not FINE
 
 
-class ImageMotion:
-    """Measures the motion since one image that it keeps."""
+def measure_motion(view: View, observation: Observation, guess: Array) -> ImageStep:
+    """Return the motion since an image, from a first guess (3,).
 
-    def __init__(self, depth_map: DepthMap) -> None:
-        self._map = depth_map
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the image."""
-        self._view: View | None = None
-        self._reach_m = 0.0
-
-    def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array) -> None:
-        """Measure from this levelled image (H, W) on, taken at a pose (3,) of the map."""
-        range_m = self._map.ranges_from(pose)
-        self._view = None
-        if range_m is not None:
-            range_m[~is_seen] = np.nan
-            finite = range_m[np.isfinite(range_m)]
-            self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
-            self._view = View(
-                prepare_reference(gray, range_m, self._map.camera, REGISTRATION, keep_edges=True), SE3.identity()
-            )
-
-    def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
-        """Return the motion since the image that was kept, from a first guess (3,); None where there is none.
-
-        One that was not found has no weight; how well the image fits there tells whether it is of another place. Of a
-        way that is long by what is seen an alignment says nothing: a room looks another from its other end.
-        """
-        if self._view is None or way_of(guess) > self._reach_m:
-            return None
-        image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
-        pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
-        T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
-        T_before_level = SE3.from_planar(*guess)
-        found = register(pyramid, [self._view], T_before_level @ T_level_camera, REGISTRATION)
-        if not found.is_converged:
-            return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
-        motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
-        Ad = T_level_camera.adjoint()
-        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way_of(motion))
-        return ImageStep(motion, covariance, found.ncc)
+    One that was not found has no weight; how well the image fits there tells whether it is of another place.
+    """
+    image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
+    pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
+    T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
+    T_before_level = SE3.from_planar(*guess)
+    found = register(pyramid, [view], T_before_level @ T_level_camera, REGISTRATION)
+    if not found.is_converged:
+        return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
+    motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
+    Ad = T_level_camera.adjoint()
+    covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way_of(motion))
+    return ImageStep(motion, covariance, found.ncc)
 
 
 def image_covariance(way: float) -> Array:
@@ -127,20 +112,20 @@ def image_covariance(way: float) -> Array:
 class ReconciledOdometry:
     """Holds odometry against the images; `reconcile` gives odometry that goes on as both say."""
 
-    def __init__(self, depth_map: DepthMap, noise: MotionModel) -> None:
-        self._images, self._noise = ImageMotion(depth_map), noise
+    def __init__(self, depth_map: DepthMap, params: MotionParams) -> None:
+        self._map, self._params = depth_map, params
         self.reset()
 
     def reset(self) -> None:
         """Begin with another stream of images and odometry."""
-        self._noise.reset()
         self.forget()
-        self._reference: tuple[Array, Array] | None = None  # odometry at the image that is kept: as it came, reconciled
-        self._now: tuple[Array, Array] | None = None  # the same of the last image
+        self._reference: tuple[Observation, Observation] | None = None  # the image that is kept: as it came, reconciled
+        self._now: tuple[Observation, Observation] | None = None  # the same of the last image
 
     def forget(self) -> None:
         """Forget the image: odometry is believed until two of them are compared."""
-        self._images.reset()
+        self._view: View | None = None  # of the image that is kept
+        self._reach_m = 0.0
         self._usual_ncc = self._usual_way = 0.0
         self._fit: tuple[float, float] | None = None  # of the last image: correlation, way in m
 
@@ -151,50 +136,56 @@ class ReconciledOdometry:
             share, (ncc, way) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
             self._usual_ncc += share * (ncc - self._usual_ncc)
             self._usual_way += share * (way - self._usual_way)
-        if pose is None:
-            self._images.reset()
-        else:
-            self._images.keep(gray, is_seen, pose)
+        range_m = self._map.ranges_from(pose) if pose is not None else None
+        self._view = None
+        if range_m is not None:
+            range_m[~is_seen] = np.nan
+            finite = range_m[np.isfinite(range_m)]
+            self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
+            reference = prepare_reference(gray, range_m, self._map.camera, REGISTRATION, keep_edges=True)
+            self._view = View(reference, SE3.identity())
 
     def reconcile(self, observation: Observation, *, is_held: bool) -> Reconciled:
         """Return an observation with odometry that images and odometry agree on, and what they disagree on.
 
         The range around a place that is not held (`is_held`) is a guess: what images say with it is but a hint.
         """
+        before, self._now = self._reference, (observation, observation)
         raw = observation.odometry
-        if raw is None:
-            self._now = None
-            return Reconciled(observation)
-        if self._reference is None:
-            self._now = raw, raw
-            return Reconciled(observation)
-        before, base = self._reference
-        motion = relative_motion(before, raw)
+        if before is None:
+            return Reconciled(observation, step=Step(np.zeros(3), np.zeros(3), is_known=raw is not None))
+        kept, reconciled = before
+        seconds = max((observation.stamp_ns - kept.stamp_ns) * 1e-9, 0.0)
+        if raw is None or kept.odometry is None or reconciled.odometry is None:
+            return Reconciled(observation, step=blind_step(seconds))
+        motion = relative_motion(kept.odometry, raw)
         finding, fused, is_known, is_verified = self._compare(observation, motion)
-        self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
-        observation = replace(observation, odometry=self._now[1])
-        return (
-            Reconciled(observation, finding, is_known, is_verified)
-            if is_held
-            else Reconciled(observation, hint=finding)
-        )
+        if is_held:
+            motion = fused
+        here = replace(observation, odometry=compose_planar(reconciled.odometry[None], motion)[0])
+        self._now = observation, here
+        step = odometry_step(motion, seconds, self._params)
+        if not is_held:
+            return Reconciled(here, hint=finding, step=step)
+        return Reconciled(here, finding, is_known, is_verified, step=step if is_known else blind_step(seconds))
 
     def _compare(self, observation: Observation, motion: Array) -> tuple[Verdict, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
 
-        An image that cannot be aligned says something only where such images usually can.
+        An image that cannot be aligned says something only where such images usually can; of a way that is long by what
+        is seen an alignment says nothing: a room looks another from its other end.
         """
-        self._fit = None
-        step, way = self._images.measure(observation, motion), way_of(motion)
-        if step is None:
+        self._fit, way = None, way_of(motion)
+        if self._view is None or way > self._reach_m:
             return FINE, motion, True, False
+        step = measure_motion(self._view, observation, motion)
         if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
             self._fit = step.ncc, way
             return FINE, motion, True, False
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
             return Verdict(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
-        C_odometry = np.diag(self._noise.sigmas(motion, WHEEL_SIGMA) ** 2)
+        C_odometry = np.diag(motion_sigmas(motion, self._params, WHEEL_SIGMA) ** 2)
         difference = step.motion - motion
         difference[2] = float(wrap_angle(difference[2]))
         square = squared_mahalanobis(difference, C_odometry + step.covariance)

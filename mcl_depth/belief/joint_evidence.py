@@ -27,8 +27,22 @@ ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in 
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
 
 
+@dataclass(frozen=True)
+class EvidenceLevel:
+    """What drives reach that are not in the map: the mirrored one, and those of turned images in the mean."""
+
+    mirrored: float
+    turned: float
+    num_images: float  # that it is a sum of
+    extent_m: float  # the largest distance between two of its images
+
+
 class JointEvidence:
-    """The sum, as of the last image."""
+    """The drive, and drives of the same images that are not in the map, to tell by what one reaches that may be there.
+
+    One is the drive in a mirror. It is of the same kind in all, but where a room is its own mirror image it fits that
+    room. The others see each image turned from the way by a right angle or two: they fit no room for long.
+    """
 
     def __init__(self, edge: float, new_way: float) -> None:
         """`edge` m is that of an element; after `new_way` m an image counts in full."""
@@ -37,32 +51,43 @@ class JointEvidence:
 
     def reset(self) -> None:
         """Forget all images."""
-        self.total: Field | None = None
-        self.num_images = 0.0  # that are remembered: those that count in full, and less for each since
+        self._total: Field | None = None
+        self._num_remembered = 0.0  # images: those that count in full, and less for each since
         self._num_images = 0.0  # that count in full, since odometry was last let err
         self._last: Array | None = None  # odometry
+        self._reach = np.full(len(ASIDE), -np.inf)  # m, the farthest of all images in each direction
 
-    def add(self, field: Field, odometry: Array | None) -> Field:
-        """Add the field of an image taken at `odometry` (3,); return the sum.
+    def add(
+        self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]
+    ) -> tuple[Field, EvidenceLevel]:
+        """Add an image and its mirror image, taken at `odometry` (3,); return the sum, and what the others reach.
 
         Without odometry, and after a gap in it, it stands alone: who may have gone anywhere fits somewhere.
         """
-        if self.total is None or odometry is None or self._last is None:
-            self.total, self.num_images, self._num_images = field.copy(), 1.0, 1.0
-            self._rests, self._turn = np.zeros((field.shape[-3], 2)), 0.0
+        in_mirrored_map = np.roll(mirrored[::-1], 1, axis=0)[..., ::-1]  # which the drive ahead is in: one way for all
+        turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
+        total, away, *others = self._add(np.stack([field, in_mirrored_map, *turned]), odometry)
+        if odometry is None:
+            self._reach[:] = -np.inf
+        else:
+            np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
+        extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
+        reached = float(np.mean([one[:, mask].max() for one in others]))
+        return total, EvidenceLevel(float(away[:, mask[:, ::-1]].max()), reached, self._num_remembered, extent_m)
+
+    def _add(self, fields: Field, odometry: Array | None) -> Field:
+        if self._total is None or odometry is None or self._last is None:
+            self._total, self._num_remembered, self._num_images = fields, 1.0, 1.0
+            self._rests, self._turn = np.zeros((fields.shape[-3], 2)), 0.0
         else:
             motion = relative_motion(self._last, odometry)
-            news = self._news(motion)
+            news = min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)  # 0 to 1
             kept = FORGETTING ** np.float32(news)
-            self.total = kept * self._propagate(self.total, motion) + np.float32(news) * field
-            self.num_images = float(kept) * self.num_images + news
+            self._total = kept * self._propagate(self._total, motion) + np.float32(news) * fields
+            self._num_remembered = float(kept) * self._num_remembered + news
             self._num_images += news
         self._last = odometry
-        return self.total
-
-    def _news(self, motion: Array) -> float:
-        """Return how much of an image counts after a motion (3,), 0 to 1."""
-        return min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)
+        return self._total
 
     def _propagate(self, total: Field, motion: Array) -> Field:
         """Return the sum for the poses after a motion (3,) in the vehicle's axes."""
@@ -107,47 +132,3 @@ def relax(field: Field) -> Field:
     beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (-2, -1)]
     best: Field = np.maximum(turned, np.maximum(*beside) - COST)
     return best
-
-
-@dataclass(frozen=True)
-class EvidenceLevel:
-    """What drives reach that are not in the map: the mirrored one, and those of turned images in the mean."""
-
-    mirrored: float
-    turned: float
-    num_images: float  # that it is a sum of
-    extent_m: float  # the largest distance between two of its images
-
-
-class Drives:
-    """The drive, and drives of the same images that are not in the map, to tell by what one reaches that may be there.
-
-    One is the drive in a mirror. It is of the same kind in all, but where a room is its own mirror image it fits that
-    room. The others see each image turned from the way by a right angle or two: they fit no room for long.
-    """
-
-    def __init__(self, edge: float, new_way: float) -> None:
-        """As `JointEvidence`."""
-        self._ahead, self._mirrored = JointEvidence(edge, new_way), JointEvidence(edge, new_way)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all images."""
-        self._ahead.reset()
-        self._mirrored.reset()
-        self._reach = np.full(len(ASIDE), -np.inf)  # m, the farthest of all images in each direction
-
-    def add(
-        self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]
-    ) -> tuple[Field, EvidenceLevel]:
-        """Add an image and its mirror image, taken at `odometry` (3,); return the sum, and what the others reach."""
-        turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
-        total, *others = self._ahead.add(np.stack([field, *turned]), odometry)
-        away = self._mirrored.add(mirrored, None if odometry is None else odometry * np.array([1.0, -1.0, -1.0]))
-        if odometry is None:
-            self._reach[:] = -np.inf
-        else:
-            np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
-        extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
-        reached, *turned_reach = (float(one[:, mask].max()) for one in (away, *others))
-        return total, EvidenceLevel(reached, float(np.mean(turned_reach)), self._ahead.num_images, extent_m)

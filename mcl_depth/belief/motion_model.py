@@ -62,41 +62,25 @@ def sample_motion(poses: Array, step: Step, rng: np.random.Generator) -> Array:
     return compose_planar(poses, step.motion + step.sigmas * rng.standard_normal(poses.shape))
 
 
-class MotionModel:
-    """Remembers odometry at the last image; says what happened since."""
+def odometry_step(motion: Array, seconds: float, params: MotionParams) -> Step:
+    """Return what is believed of a motion (3,) by odometry within some seconds; one that leaps is not."""
+    way = way_of(motion)
+    if not way <= params.max_speed * seconds + MAX_LEAP:
+        return blind_step(seconds, jump=way if np.isfinite(way) else 1e9)
+    return Step(motion, motion_sigmas(motion, params, params.min_sigma))
 
-    def __init__(self, params: MotionParams) -> None:
-        self._params = params
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the last image."""
-        self._last: tuple[int, Array | None] | None = None
+def blind_step(seconds: float, jump: float = 0.0) -> Step:
+    """Return what is known without odometry, or of one that leapt by `jump` m."""
+    way = min(BLIND_SPEED * seconds, MAX_BLIND_STEP)
+    turn = min(BLIND_TURN_RATE * seconds, np.pi / 4)
+    return Step(np.zeros(3), np.array([way, way, turn]), is_known=False, jump=jump)
 
-    def step(self, stamp_ns: int, odometry: Array | None, *, is_known: bool = True) -> Step:
-        """Return the motion since the last call; unknown where odometry is missing, leaps or is not believed."""
-        before, self._last = self._last, (stamp_ns, odometry)
-        if before is None:
-            return Step(np.zeros(3), np.zeros(3), is_known=odometry is not None)
-        seconds = max((stamp_ns - before[0]) * 1e-9, 0.0)
-        if before[1] is None or odometry is None or not is_known:
-            return self._unknown(seconds)
-        motion = relative_motion(before[1], odometry)
-        way = way_of(motion)
-        if not way <= self._params.max_speed * seconds + MAX_LEAP:
-            return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
-        return Step(motion, self.sigmas(motion))
 
-    def sigmas(self, motion: Array, least: float | None = None) -> Array:
-        """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m stands for `min_sigma`."""
-        p, way, turn = self._params, way_of(motion), float(motion[2])
-        least = p.min_sigma if least is None else least
-        along = np.hypot(p.way_share * way, least)
-        across = np.hypot(SIDE_SHARE * p.way_share * way, least)
-        drift = np.radians(p.drift_deg) ** 2 * way
-        return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
-
-    def _unknown(self, seconds: float, jump: float = 0.0) -> Step:
-        way = min(BLIND_SPEED * seconds, MAX_BLIND_STEP)
-        turn = min(BLIND_TURN_RATE * seconds, np.pi / 4)
-        return Step(np.zeros(3), np.array([way, way, turn]), is_known=False, jump=jump)
+def motion_sigmas(motion: Array, params: MotionParams, least: float) -> Array:
+    """Return the standard deviations (3,) of a motion (3,) by odometry, those of a position at least so many m."""
+    way, turn = way_of(motion), float(motion[2])
+    along = np.hypot(params.way_share * way, least)
+    across = np.hypot(SIDE_SHARE * params.way_share * way, least)
+    drift = np.radians(params.drift_deg) ** 2 * way
+    return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])

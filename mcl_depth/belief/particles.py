@@ -26,34 +26,19 @@ class Particles:
         return len(self.poses)
 
     @staticmethod
-    def of_equal_weight(poses: Array, age: int = 0) -> Particles:
-        """Return particles of one weight."""
+    def of_equal_weight(poses: Array, ages: int | NDArray[np.int64] = 0) -> Particles:
+        """Return particles of one weight; `ages` of all, or of each."""
         count = len(poses)
-        return Particles(poses, np.full(count, 1.0 / max(count, 1)), np.full(count, age, dtype=np.int64))
+        return Particles(poses, np.full(count, 1.0 / max(count, 1)), np.full(count, ages, dtype=np.int64))
 
     @property
     def effective_size(self) -> float:
         """1 / sum of squared weights: how many particles carry the belief."""
         return float(1.0 / np.sum(self.weights**2))
 
-    def with_poses(self, poses: Array) -> Particles:
-        """Return the same hypotheses elsewhere."""
-        return replace(self, poses=poses)
-
     def reweight(self, weights: Array) -> Particles:
         """Return the same particles, one image older, with weights scaled to sum 1."""
         return replace(self, weights=weights / weights.sum(), ages=self.ages + 1)
-
-    def select(self, indices: NDArray[np.int64]) -> Particles:
-        """Return copies of the particles with these indices, of one weight."""
-        weights = np.full(len(indices), 1.0 / len(indices))
-        return Particles(self.poses[indices], weights, self.ages[indices])
-
-    def replace_some(self, indices: NDArray[np.int64], poses: Array, age: int) -> Particles:
-        """Return the set with new particles in the place of some."""
-        all_poses, ages = self.poses.copy(), self.ages.copy()
-        all_poses[indices], ages[indices] = poses, age
-        return replace(self, poses=all_poses, ages=ages)
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -90,4 +75,4 @@ def adjust_headings(particles: Particles, curves: NDArray[np.floating], rng: np.
     poses = particles.poses.copy()
     spread = HEADING_SPREAD * rng.standard_normal(len(particles))
     poses[:, 2] = np.where(is_young, wrap_angle(best_headings(curves) + spread), poses[:, 2])
-    return particles.with_poses(poses)
+    return replace(particles, poses=poses)

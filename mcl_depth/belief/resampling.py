@@ -5,6 +5,8 @@ New ones lie all over the area, around a given pose, or where the evidence of th
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,7 +64,8 @@ def resample(particles: Particles, at_most: int, rng: np.random.Generator) -> Pa
         return particles
     draft = low_variance_indices(particles.weights, at_most, rng.random())
     count = required_particles(count_bins(particles.poses[draft]), at_most)
-    return particles.select(low_variance_indices(particles.weights, count, rng.random()))
+    chosen = low_variance_indices(particles.weights, count, rng.random())
+    return Particles.of_equal_weight(particles.poses[chosen], particles.ages[chosen])
 
 
 def scale_similarities(similarities: Array) -> Array:
@@ -107,7 +110,10 @@ def inject_at_places(particles: Particles, proof: Proof, rng: np.random.Generato
     A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings found there.
     """
     count = int(NEW_SHARE * len(particles))
-    poses = proof.poses[rng.choice(len(proof.poses), count, p=proof.shares)]
-    poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
-    poses[:, 2] = wrap_angle(poses[:, 2])
-    return particles.replace_some(rng.choice(len(particles), count, replace=False), poses, NUM_YOUNG)
+    places = proof.poses[rng.choice(len(proof.poses), count, p=proof.shares)]
+    places = places + NEW_SIGMA * rng.standard_normal((count, 3))
+    places[:, 2] = wrap_angle(places[:, 2])
+    replaced = rng.choice(len(particles), count, replace=False)
+    poses, ages = particles.poses.copy(), particles.ages.copy()
+    poses[replaced], ages[replaced] = places, NUM_YOUNG
+    return replace(particles, poses=poses, ages=ages)

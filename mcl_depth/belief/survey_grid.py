@@ -30,10 +30,9 @@ class SurveyGrid:
         self._low = coarse.min(axis=0)
         self.index = coarse - self._low  # (K, 2)
         self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
-        self.mask = np.zeros(self.shape, np.bool_)
-        self.mask[tuple(self.index.T)] = True
         self._rows = np.full(self.shape, -1)
         self._rows[tuple(self.index.T)] = np.arange(len(self.positions))
+        self.mask = self._rows >= 0
 
     def rows_around(self, pose: Array, reach: int) -> NDArray[np.int64]:
         """Return which positions lie within `reach` cells of a pose (3,), (2 reach + 1, 2 reach + 1); -1: none."""

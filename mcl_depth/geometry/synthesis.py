@@ -33,15 +33,14 @@ class DepthSynthesizer:
     Rays meet surfaces, also those that dense points are; single points are drawn as splats.
     """
 
-    def __init__(self, geometry: Geometry, params: SynthesisParams | None = None) -> None:
-        self.params = params or SynthesisParams()
-        self.camera = panorama_window(self.params)
-        self._geometry = geometry
+    def __init__(self, geometry: Geometry, params: SynthesisParams) -> None:
+        self.camera = panorama_window(params)
+        self._geometry, self._params = geometry, params
 
     @cached_property
     def _scene(self) -> Splats | RayScene:
         """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
-        geometry, camera, params = self._geometry, self.camera, self.params
+        geometry, camera, params = self._geometry, self.camera, self._params
         if geometry.is_mesh:
             return RayScene(geometry, camera, params)
         surfels, dense_share = surfels_of(geometry, params.voxel_m)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.features import FeatureStack, GradientFeatures
+from mcl_depth.likeness.depth_cache import Stack
+from mcl_depth.likeness.features import GradientFeatures
 
 
 def num_alpha_for(step_deg: float) -> int:
@@ -27,8 +28,9 @@ def check_headings(step_deg: float, num_columns: int) -> None:
 
 
 def compare_gradients(
-    visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_alpha: int
+    visual: GradientFeatures, stack: Stack, slots: NDArray[np.int64], num_alpha: int
 ) -> NDArray[np.float32]:
     """Return eq. 2 for M panoramas of a stack, those in `slots`, and all headings, (M, num_alpha)."""
     image = visual.x, visual.y, visual.magnitude, visual.is_seen.astype(np.float32)
-    return kernels.compare_headings_many(*image, *stack.arrays, slots, num_alpha)
+    depths = stack["directions"], stack["magnitudes"], stack["scale"]
+    return kernels.compare_headings_many(*image, *depths, slots, num_alpha)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.likeness.depth_cache import DepthCache, keys_of
+from mcl_depth.likeness.depth_cache import DepthCache, keys_of, load_arrays, save_arrays
 from mcl_depth.likeness.features import Image, Mask, is_sky
 from mcl_depth.likeness.kinds import Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
@@ -41,8 +41,8 @@ class DepthMap:
         camera = synthesizer.camera
         self.likeness = likeness_of(params, camera)
         one = self.likeness.depths(np.ones((1, camera.height, camera.width), np.float32))
-        self.cache = DepthCache(params.cache.max_megabytes << 20, one)
-        self._filter: tuple[str, Any] | None = None  # with the places that it is of
+        self.cache = DepthCache(params.cache.max_megabytes << 20, one.dtype)
+        self.survey: Any = None
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -105,29 +105,22 @@ class DepthMap:
                 curves[first + known] = np.nan_to_num(found)
         return curves
 
-    def prepare(self, positions: Array) -> Any:
-        """Return what compares an image with all cells of positions (N, 2) at once: kept, read from the disk, or made.
+    def prepare(self, positions: Array) -> None:
+        """Make `survey`, which compares an image with all cells of positions (N, 2) at once, or read it from the disk.
 
-        A folder that is set may hold it.
+        Where a folder is set, it is kept there.
         """
-        places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
-        if self._filter is None or self._filter[0] != places:
-            self._filter = places, self._load_or_make(positions, places)
-        return self._filter[1]
-
-    def _load_or_make(self, positions: Array, places: str) -> Any:
-        """Return it from the disk, or made, and kept there."""
-        kind, folder = self.likeness.filter, None
+        kind, folder, kept = self.likeness.filter, None, None
         if self._folder is not None:
+            places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
             folder = self._folder.with_name(f"{self._folder.name}_{places}")
-            found = kind.load(folder)
-            if found is not None and found.codes.shape[1] == len(positions):
-                return found
-        slots = self._slots(self.cells(positions))
-        made = kind.of(self.cache.stack, slots)
+            kept = load_arrays(folder, kind._fields)
+        if kept is not None and len(kept[0]) == len(positions):
+            self.survey = kind(*map(np.array, kept))
+            return
+        self.survey = kind.of(self.cache.stack, self._slots(self.cells(positions)))
         if folder is not None:
-            made.save(folder)
-        return made
+            save_arrays(folder, self.survey._asdict())
 
     def fill(self, positions: Array, at_most: int | None = None) -> int:
         """Make missing depth images of positions (N, 2), as many as the cache holds; return how many are still missing.
@@ -168,5 +161,5 @@ class DepthMap:
         """Return what everything that the features depend on hashes to."""
         p = self._params
         text = f"{name} {p.synthesis} {p.comparison} {self.edge:.9f} {self.camera_height:.9f} {self.camera}"
-        text += self.likeness.name
+        text += f"{self.likeness.name} {self.cache.stack.dtype}"
         return hashlib.sha256(text.encode()).hexdigest()[:24]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M, MIN_GRADIENT
-from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.kernels import NO_DIRECTION, NUM_DIRECTIONS
 from mcl_depth.params import ComparisonParams
@@ -43,20 +42,6 @@ class GradientFeatures:
         return GradientFeatures(*map(mirror, (-self.x, self.y, self.magnitude, self.is_seen)))
 
 
-@dataclass(frozen=True)
-class FeatureStack(Stack):
-    """Depth features of M panoramas in two bytes a pixel.
-
-    directions (M, H, W) uint8: angle of the gradient modulo pi in steps of pi / 255; 255 where there is none.
-    magnitudes (M, H, W) uint8: scale * (byte / 255)^2. scales (M,) float32.
-    Directions are within 0.36 degrees, magnitudes within 1 % of the largest.
-    """
-
-    directions: NDArray[np.uint8]
-    magnitudes: NDArray[np.uint8]
-    scales: NDArray[np.float32]
-
-
 def visual_features(gray: Image, is_seen: Mask | bool = True) -> GradientFeatures:
     """Return the gradients of a level panorama (H, W) of grey levels, magnitudes summing to 1.
 
@@ -81,16 +66,21 @@ def depth_gradients(range_m: Image, params: ComparisonParams) -> tuple[Image, Im
     return gradients_of(normalize_contrast(fill_unknown(image), radius, MIN_CONTRAST_M), measured)
 
 
-def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
-    """Return the features of range panoramas (M, H, W) in m."""
-    shape = ranges_m.shape
-    stack = FeatureStack(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(len(ranges_m), np.float32))
-    for i, range_m in enumerate(ranges_m):
+def depth_features_many(ranges_m: Image, params: ComparisonParams) -> Stack:
+    """Return the features of range panoramas (M, H, W) in m, in two bytes a pixel.
+
+    directions (M, H, W) uint8: angle of the gradient modulo pi in steps of pi / 255; 255 where there is none.
+    magnitudes (M, H, W) uint8: scale * (byte / 255)^2. scale (M,) float32.
+    Directions are within 0.36 degrees, magnitudes within 1 % of the largest.
+    """
+    pixels = np.uint8, ranges_m.shape[1:]
+    stack = np.empty(len(ranges_m), [("scale", np.float32), ("directions", *pixels), ("magnitudes", *pixels)])
+    for range_m, one in zip(ranges_m, stack, strict=True):
         x, y, magnitude = depth_gradients(range_m, params)
         codes = np.rint(np.arctan2(y, x) * np.float32(NUM_DIRECTIONS / np.pi)).astype(np.int64) % NUM_DIRECTIONS
-        stack.directions[i] = np.where((x == 0) & (y == 0), NO_DIRECTION, codes)
-        stack.scales[i] = largest = magnitude.max()
-        stack.magnitudes[i] = np.rint(255.0 * np.sqrt(magnitude / max(largest, np.float32(1e-30))))
+        one["directions"] = np.where((x == 0) & (y == 0), NO_DIRECTION, codes)
+        one["scale"] = largest = magnitude.max()
+        one["magnitudes"] = np.rint(255.0 * np.sqrt(magnitude / max(largest, np.float32(1e-30))))
     return stack
 
 
@@ -124,9 +114,17 @@ def fill_unknown(image: Image) -> Image:
     known = np.isfinite(image)
     if known.all() or not known.any():
         return np.nan_to_num(image)
-    filled = image.copy()
-    planes = (np.where(known, image, 0.0), known)
-    kernels.fill_nan(filled, *(cv2.integral(np.tile(plane.astype(np.float32), 3)) for plane in planes))
+    height, width = image.shape
+    rows, filled, radius = np.arange(height), image, 1
+    sums = [cv2.integral(np.tile(plane.astype(np.float32), 3)) for plane in (np.where(known, image, 0.0), known)]
+    while np.isnan(filled).any():  # of boxes of radius 2^n, the smallest that knows any
+        left = width - min(radius, width // 2)
+        right = left + min(2 * radius + 1, width)
+        bands = [J[np.minimum(rows + radius + 1, height)] - J[np.maximum(rows - radius, 0)] for J in sums]
+        total, number = (band[:, right : right + width] - band[:, left : left + width] for band in bands)
+        means = np.divide(total, number, out=np.full(image.shape, np.nan), where=number > 0.5)
+        filled = np.where(np.isnan(filled), means.astype(np.float32), filled)
+        radius *= 2
     return filled
 
 

@@ -9,7 +9,7 @@ over azimuth that is quick: products of them are the correlations at all heading
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from mcl_depth.constants import (
     PART_FINENESS,
     ROOT,
 )
-from mcl_depth.likeness.depth_cache import KeptArrays
-from mcl_depth.likeness.features import FeatureStack, GradientFeatures
+from mcl_depth.likeness.depth_cache import Stack
+from mcl_depth.likeness.features import GradientFeatures
 from mcl_depth.likeness.spectra import (
     DOUBLE_COSINES,
     DOUBLE_SINES,
@@ -50,12 +50,11 @@ def double_gradients(visual: GradientFeatures) -> Image:
     return normalized
 
 
-@dataclass(frozen=True)
-class GradientFilter(KeptArrays):
+class GradientFilter(NamedTuple):
     """Spectra of N cells, ready for images.
 
-    codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of both components of the doubled gradients row by
-    row, P = 2 H, of length 1 in each cell; scales (F, P): what a code of one is. energies (E, N, 2 H), energy_scales
+    codes (N, F, 2 P) int8: real, then imaginary parts of the spectra of both components of the doubled gradients row by
+    row, P = 2 H, of length 1 in each cell; scales (F, P): what a code of one is. energies (N, E, 2 H), energy_scales
     (E, H): the same of the squared length.
     """
 
@@ -65,7 +64,7 @@ class GradientFilter(KeptArrays):
     energy_scales: NDArray[np.float32]
 
     @classmethod
-    def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> GradientFilter:
+    def of(cls, stack: Stack, slots: NDArray[np.integer]) -> GradientFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         tensors = encode_cells(stack, slots, _tensors_of, FREQUENCIES)
         return cls(*tensors, *encode_cells(stack, slots, _energies_of, ENERGY_FREQUENCIES))
@@ -85,13 +84,13 @@ class GradientFilter(KeptArrays):
         return best_around(curves.astype(np.float32), PART_FINENESS)
 
 
-def _tensors_of(part: FeatureStack) -> Image:
+def _tensors_of(part: Stack) -> Image:
     """Return the doubled gradients (n, 2, H, W) of cells."""
     magnitudes = _normalize(magnitudes_of(part))
-    return np.stack([table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)], axis=1)
+    return np.stack([table[part["directions"]] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)], axis=1)
 
 
-def _energies_of(part: FeatureStack) -> Image:
+def _energies_of(part: Stack) -> Image:
     """Return their squared length (n, 1, H, W)."""
     return np.square(_normalize(magnitudes_of(part)))[:, None]
 

@@ -1,4 +1,4 @@
-"""The inner loops of likeness: NaN interpolation, eq. 2, correlations. Plain arrays in and out.
+"""The inner loops of likeness: eq. 2, correlations. Plain arrays in and out.
 
 Panoramas are (H, W) float32 whose columns wrap around; nothing here may show a seam.
 """
@@ -21,38 +21,6 @@ _angles = (np.arange(256) * (math.pi / NUM_DIRECTIONS)).astype(np.float32)
 COSINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.cos(_angles)).astype(np.float32)
 SINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.sin(_angles)).astype(np.float32)
 SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
-
-
-# ---- NaN interpolation (algorithm 1) ----------------------------------------------------------------------------
-
-
-@njit(**OPTIONS)
-def _sum_box(J, top, bottom, left, right):
-    """Return the sum over rows top:bottom and columns left:right by an integral image J."""
-    return J[bottom, right] - J[top, right] - J[bottom, left] + J[top, left]
-
-
-@njit(**OPTIONS)
-def fill_nan(image, J, K):
-    """Replace NaN in image (H, W) by the mean of the smallest box around the pixel, of radius 2^n, that knows any.
-
-    J, K (H + 1, 3 W + 1) f8: integral images of the values, 0 where unknown, and of 1 where known, three times side by
-    side; one pixel at least is known.
-    """
-    H, W = image.shape
-    for y in range(H):
-        radius = 1
-        for x in range(W):
-            # nothing is known within half the radius that the unknown pixel before needed
-            radius = max(radius >> 2, 1) if math.isnan(image[y, x]) else 1
-            while math.isnan(image[y, x]):
-                top, bottom = max(y - radius, 0), min(y + radius + 1, H)
-                left = W + x - min(radius, W // 2)
-                right = left + min(2 * radius + 1, W)
-                n = _sum_box(K, top, bottom, left, right)
-                if n > 0.5:
-                    image[y, x] = _sum_box(J, top, bottom, left, right) / n
-                radius *= 2
 
 
 # ---- eq. 2 ------------------------------------------------------------------------------------------------------
@@ -120,22 +88,17 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
 
 @njit(parallel=True, **OPTIONS)
 def correlate_codes(codes, weights):
-    """Return sum of weights (F, P) c8 times the conjugate of codes (F, N, 2 P) i1, real, then imaginary: (F, N) c8."""
-    F, N, size = codes.shape
-    half = size // 2
-    out = np.empty((F, N), np.complex64)
-    for f in prange(F):
-        real, imaginary = np.empty(size, np.float32), np.empty(size, np.float32)
-        for i in range(half):
-            w = weights[f, i]
-            real[i], real[half + i] = w.real, w.imag
-            imaginary[i], imaginary[half + i] = w.imag, -w.real
-        for n in range(N):
-            row = codes[f, n]
+    """Return sum of weights (F, P) c8 times the conjugate of codes (N, F, 2 P) i1, real, then imaginary: (N, F) c8."""
+    N, F, size = codes.shape
+    real = np.concatenate((weights.real, weights.imag), axis=1)
+    imaginary = np.concatenate((weights.imag, -weights.real), axis=1)
+    out = np.empty((N, F), np.complex64)
+    for n in prange(N):
+        for f in range(F):
             a, b = np.float32(0.0), np.float32(0.0)
             for i in range(size):
-                value = np.float32(row[i])
-                a += value * real[i]
-                b += value * imaginary[i]
-            out[f, n] = complex(a, b)
+                value = np.float32(codes[n, f, i])
+                a += value * real[f, i]
+                b += value * imaginary[f, i]
+            out[n, f] = complex(a, b)
     return out

@@ -18,7 +18,7 @@ from mcl_depth.likeness.features import (
     visual_features,
 )
 from mcl_depth.likeness.gradient_filter import GradientFilter
-from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack, compare_learned
+from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, compare_learned, pack
 from mcl_depth.likeness.spectra import Curves
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
@@ -69,6 +69,6 @@ def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
         chance_sigma=CHANCE_SIGMA[1],
         filter=LearnedFilter,
         image=lambda gray, is_seen: LearnedFeatures(gray, is_seen, encoders, camera),
-        depths=lambda ranges_m: LearnedStack.of(encoders.features_of_depths(ranges_m, camera)),
+        depths=lambda ranges_m: pack(encoders.features_of_depths(ranges_m, camera)),
         compare=compare_learned,
     )

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
-from mcl_depth.likeness.depth_cache import KeptArrays, Stack
+from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.encoder import EncoderPair
 from mcl_depth.likeness.features import Mask, mirror
 from mcl_depth.likeness.spectra import (
@@ -52,28 +52,21 @@ class LearnedFeatures:
         return LearnedFeatures(mirror(self.gray), mirror(self.is_seen), self.encoders, self.camera)
 
 
-@dataclass(frozen=True)
-class LearnedStack(Stack):
-    """Features of M depth panoramas: codes (M, C, h, w) int8 in units of scales (M,)."""
-
-    codes: NDArray[np.int8]
-    scales: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, features: Image) -> Self:
-        """Return features (M, C, h, w) in bytes."""
-        largest = np.abs(features).max(axis=(1, 2, 3))
-        scales = np.maximum(largest / np.float32(127.0), np.float32(1e-12))
-        codes = np.round(features / scales[:, None, None, None]).astype(np.int8)
-        return cls(codes, scales.astype(np.float32))
-
-    @property
-    def features(self) -> Image:
-        """The features (M, C, h, w)."""
-        return self.codes * self.scales[:, None, None, None]
+def pack(features: Image) -> Stack:
+    """Return features (M, C, h, w) of depth panoramas in bytes: codes int8 in units of scale (M,)."""
+    stack = np.empty(len(features), [("scale", np.float32), ("codes", np.int8, features.shape[1:])])
+    stack["scale"] = np.maximum(np.abs(features).max(axis=(1, 2, 3)) / np.float32(127.0), np.float32(1e-12))
+    stack["codes"] = np.round(features / stack["scale"][:, None, None, None])
+    return stack
 
 
-def compare_learned(visual: LearnedFeatures, stack: LearnedStack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
+def unpack(stack: Stack) -> Image:
+    """Return the features (M, C, h, w)."""
+    features: Image = stack["codes"] * stack["scale"][:, None, None, None]
+    return features
+
+
+def compare_learned(visual: LearnedFeatures, stack: Stack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
     """Return the similarity of an image with the depth panoramas in `slots` (M,) at all headings, (M, num_alpha).
 
     The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over
@@ -86,18 +79,16 @@ def compare_learned(visual: LearnedFeatures, stack: LearnedStack, slots: NDArray
     curves = np.empty((len(slots), num_alpha), np.float32)
     width = visual.features.shape[-1]
     for first in range(0, len(slots), BATCH):
-        part = stack.take(slots[first : first + BATCH])
-        depths = spectra_of(part.features, ABOVE_MEAN)  # (F, n, P)
-        products = np.einsum("fp,fnp->fn", image, depths.conj(), optimize=True)
+        depths = spectra_of(unpack(stack[slots[first : first + BATCH]]), ABOVE_MEAN)  # (n, F, P)
+        products = np.einsum("fp,nfp->nf", image, depths.conj(), optimize=True)
         curves[first : first + BATCH] = curves_of(products, ABOVE_MEAN.start, 2 * num_alpha)[:, ::2]
     return (np.float32(CHANCE) + curves / np.float32(width)).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class LearnedFilter(KeptArrays):
+class LearnedFilter(NamedTuple):
     """Spectra of N cells, ready for images.
 
-    codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
+    codes (N, F, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
     (F, P): what a code of one is.
     """
 
@@ -105,9 +96,9 @@ class LearnedFilter(KeptArrays):
     scales: NDArray[np.float32]
 
     @classmethod
-    def of(cls, stack: LearnedStack, slots: NDArray[np.integer]) -> Self:
+    def of(cls, stack: Stack, slots: NDArray[np.integer]) -> Self:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        return cls(*encode_cells(stack, slots, lambda part: part.features, ABOVE_MEAN))
+        return cls(*encode_cells(stack, slots, unpack, ABOVE_MEAN))
 
     def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

@@ -26,7 +26,7 @@ class Comparison:
         cells, place = np.unique(self._map.cells(positions), axis=0, return_inverse=True)
         return self._map.similarities(self._visual, cells, self._num_headings)[place.ravel()]
 
-    def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-        """Return how well the image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
-        found: NDArray[np.float32] = self._map.prepare(positions).curves(self._visual, self._num_headings, rows)
+    def survey(self, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+        """Return how well the image fits at all places of the survey, or some rows of them, (N, A), in its units."""
+        found: NDArray[np.float32] = self._map.survey.curves(self._visual, self._num_headings, rows)
         return found

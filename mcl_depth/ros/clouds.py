@@ -111,7 +111,7 @@ class GeometryLoader:
         try:
             if self._site is None:
                 self._site = Site(self.geometry, camera, camera_height, self.params, is_ready=False)
-                self._log.info(f"map: {len(self._site.places)} places are made ready")
+                self._log.info(f"map: {len(self._site.grid.positions)} places are made ready")
             self._share = self._site.prepare(None if self.params.every_image else MADE_AT_ONCE)
         except ValueError as error:
             detail = "; ".join([str(error), *self.geometry.warnings])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,10 +28,9 @@ class SE3:
         found = np.asarray(matrix, dtype=np.float64)
         if found.shape[-2:] != (4, 4) or not np.all(np.isfinite(found)):
             raise ValueError(f"rigid motion: expected finite (..., 4, 4), found shape {found.shape}")
-        U, _, Vt = np.linalg.svd(found[..., :3, :3])
-        R = U @ Vt
+        R = so3.nearest_rotations(found[..., :3, :3])
         error = np.abs(R - found[..., :3, :3]).max()
-        if error > tolerance or np.any(np.linalg.det(R) < 0) or np.any(found[..., 3, :] != (0, 0, 0, 1)):
+        if error > tolerance or np.any(found[..., 3, :] != (0, 0, 0, 1)):
             raise ValueError(f"rigid motion: expected a rotation, found one off by {error:.3g}")
         return SE3.from_parts(R, found[..., :3, 3])
 
@@ -69,8 +66,6 @@ class SE3:
         xi = np.asarray(tangent, dtype=np.float64)
         v, omega = xi[..., :3], xi[..., 3:]
         R, V = so3.exp_and_left_jacobian(omega)
-        if xi.ndim == 1:
-            return SE3.from_parts(R, V @ v)
         return SE3.from_parts(R, (V @ v[..., None])[..., 0])
 
     def log(self) -> Array:
@@ -120,18 +115,6 @@ class SE3:
 
     def inverse(self) -> SE3:
         """Return the motion back: `T_a_b.inverse()` is `T_b_a`."""
-        if self.matrix.ndim == 2:  # the usual case: floats are faster than arrays this small
-            (a, b, c, x), (d, e, f, y), (g, h, i, z), last = self.matrix.tolist()
-            return SE3(
-                np.array(
-                    [
-                        [a, d, g, -(a * x + d * y + g * z)],
-                        [b, e, h, -(b * x + e * y + h * z)],
-                        [c, f, i, -(c * x + f * y + i * z)],
-                        last,
-                    ]
-                )
-            )
         Rt = np.swapaxes(self.rotation, -1, -2)
         return SE3.from_parts(Rt, -(Rt @ self.matrix[..., :3, 3:])[..., 0])
 
@@ -158,9 +141,5 @@ class SE3:
     def distance(self, other: SE3) -> tuple[Array, Array]:
         """Return how far apart two poses are: metres between origins, radians between axes."""
         between = self.inverse() @ other
-        if between.matrix.ndim == 2:
-            vectors = between.translation, so3.log(between.rotation)
-            found: Any = tuple(np.float64(math.hypot(*vector.tolist())) for vector in vectors)
-            return found  # type: ignore[no-any-return]
         angle = np.linalg.norm(so3.log(between.rotation), axis=-1)
         return np.linalg.norm(between.translation, axis=-1), angle

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
+LEAST_COSINE = -0.9  # of a turn whose sine tells its axis well enough
 
 
 def hat(vector: ArrayLike) -> Array:
@@ -44,25 +45,29 @@ def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
 
 def log(rotation: ArrayLike) -> Array:
     """Return the rotation vector (..., 3) of (..., 3, 3), of norm at most pi, also near pi."""
-    if np.ndim(rotation) == 2:
-        return np.array(_log_of_one(*np.asarray(rotation, dtype=np.float64).ravel().tolist()))
-    xyz, w = np.split(to_quaternion(rotation), [3], axis=-1)
-    sine = np.linalg.norm(xyz, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, w)
-    safe = np.where(sine < 1e-12, 1.0, sine)
-    return np.where(sine < 1e-12, 2.0 * xyz, xyz * (angle / safe))
+    R = np.asarray(rotation, dtype=np.float64)
+    if R.ndim == 2:
+        (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+        x, y, z, cosine = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b), 0.5 * (a + e + i - 1.0)
+        sine = math.sqrt(x * x + y * y + z * z)
+        if cosine > LEAST_COSINE:
+            factor = math.atan2(sine, cosine) / sine if sine > TINY else 1.0
+            return np.array([factor * x, factor * y, factor * z])
+    vector: Array = _by_scipy(R).as_rotvec().reshape(R.shape[:-1])
+    return vector
 
 
 def to_quaternion(rotation: ArrayLike) -> Array:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (..., 3, 3)."""
     R = np.asarray(rotation, dtype=np.float64)
-    rows = _quaternion_rows(*np.moveaxis(R.reshape(*R.shape[:-2], 9), -1, 0))
-    outer = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    unit: Array = np.where(q[..., 3:] < 0, -q, q)
+    unit: Array = _by_scipy(R).as_quat(canonical=True).reshape(*R.shape[:-2], 4)
     return unit
+
+
+def _by_scipy(R: Array) -> Any:
+    from scipy.spatial.transform import Rotation  # what only reads bags does without it
+
+    return Rotation.from_matrix(R.reshape(-1, 3, 3))
 
 
 def from_quaternion(xyzw: ArrayLike) -> Array:
@@ -133,28 +138,6 @@ def _exp_of_one(x: float, y: float, z: float) -> tuple[Array, Array]:
         for m, n in ((a, b), (b, c))
     )
     return first, second
-
-
-def _quaternion_rows(m00: Any, m01: Any, m02: Any, m10: Any, m11: Any, m12: Any, m20: Any, m21: Any, m22: Any) -> Any:
-    """Return four times q q^T of a rotation; the row with the largest diagonal is the best conditioned."""
-    xy, xz, yz, xw, yw, zw = m10 + m01, m20 + m02, m21 + m12, m21 - m12, m02 - m20, m10 - m01
-    return [
-        [1 + m00 - m11 - m22, xy, xz, xw],
-        [xy, 1 - m00 + m11 - m22, yz, yw],
-        [xz, yz, 1 - m00 - m11 + m22, zw],
-        [xw, yw, zw, 1 + m00 + m11 + m22],
-    ]
-
-
-def _log_of_one(*rotation: float) -> tuple[float, float, float]:
-    rows = _quaternion_rows(*rotation)
-    squares = [rows[0][0], rows[1][1], rows[2][2], rows[3][3]]
-    x, y, z, w = rows[squares.index(max(squares))]
-    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w if w else 1.0)
-    x, y, z, w = x / norm, y / norm, z / norm, w / norm
-    sine = math.sqrt(x * x + y * y + z * z)
-    factor = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
-    return factor * x, factor * y, factor * z
 
 
 def _series(angle: Array) -> tuple[Array, Array, Array]:

@@ -25,9 +25,8 @@ from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
-from mcl_depth.belief.joint_evidence import Drives, JointEvidence
-from mcl_depth.belief.motion_model import MotionModel
+from mcl_depth.belief.image_motion import ReconciledOdometry
+from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.homing import Homing
 from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
 from path_follower.arming import Arming
@@ -95,12 +94,10 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                     "endpoints params clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
-    "Drives": (lambda: Drives(0.5, 1.0), "reset", ""),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3, 0.6), "reset",
                  "grid max_chance chance_sigma"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
                "waypoints way params offsets"),
-    "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
     "Inputs": (lambda: Inputs(LocalizerParams(), 1e6), "reset", "params pixels_per_radian"),
     "Integrity": (lambda: Integrity(SimpleNamespace(error=None, pixels_per_radian=326.0), LocalizerParams()), "reset",
@@ -113,14 +110,13 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame output"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
-    "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
     "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),
     "OdometryInput": (odometry_input, "reset", "endpoints tree base_frame topic"),
     "PosePrior": (lambda: PosePrior(PriorParams()), "reset", "params drift inter_frame"),  # drift: from each start on
     "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
                    "references params is_automatic startup"),
     "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
-    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionModel(MotionParams())), "reset", ""),
+    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionParams()), "reset", "map params"),
     "RigIntake": (lambda: RigIntake(vertical_rig(), SphereStitcherParams(), None, None, None), "clear",
                   "rig params T_rig_lidar now_ns lookup on_instants has_points levels"),
     "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),

@@ -8,7 +8,6 @@ from mcl_depth.geometry import kernels as geometry
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness import kernels as likeness
 from mcl_depth.likeness.depth_cache import DepthCache
-from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import DirectionParams, FilterParams
 from mcl_depth.site import PRESETS, apply_preset
 from mcl_depth.warm_up import warm_up
@@ -27,22 +26,24 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
 
 def features(value, count=1):
     """Features of so many panoramas, all of one value."""
-    codes = np.full((count, 4, 8), value, np.uint8)
-    return FeatureStack(codes, codes, np.full(count, value, np.float32))
+    found = np.empty(count, [("scale", np.float32), ("magnitudes", np.uint8, (4, 8))])
+    found["scale"], found["magnitudes"] = value, value
+    return found
 
 
 def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
-    cache = DepthCache(3 * features(0).nbytes, features(0))
+    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
     for number in range(3):
         cache.insert([(number, 0)], features(number))
     cache.find([(0, 0)])
     cache.insert([(9, 9)], features(9))
     assert (1, 0) not in cache
-    assert cache.stack.scales[cache.find([(0, 0)])[0]] == 0.0
+    assert cache.stack["scale"][cache.find([(0, 0)])[0]] == 0.0
     cache.save(tmp_path / "kept")
-    again = DepthCache(3 * features(0).nbytes, features(0))
-    assert again.load(tmp_path / "kept") == 3
-    assert again.stack.scales[again.find([(9, 9)])[0]] == 9.0
+    again = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    again.load(tmp_path / "kept")
+    assert len(again) == 3
+    assert again.stack["scale"][again.find([(9, 9)])[0]] == 9.0
 
 
 def test_homing_samples_are_those_of_the_paper():
@@ -75,30 +76,36 @@ def test_waypoints_are_evenly_spaced():
     np.testing.assert_allclose(points, [[0, 0], [1.5, 0], [3, 0], [3, 1.5], [3, 3]])
 
 
-@pytest.mark.parametrize("name", ["directions", "scales"])
-def test_a_cache_of_another_size_is_refused_whatever_array_it_is(tmp_path, name):
-    cache = DepthCache(3 * features(0).nbytes, features(0))
+@pytest.mark.parametrize("name", ["cells", "features"])
+def test_a_cache_of_another_size_or_kind_is_refused(tmp_path, name):
+    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
     cache.insert([(1, 2), (3, 4)], features(1, 2))
     cache.save(tmp_path / "kept")
     found = np.load(tmp_path / "kept" / f"{name}.npy")
-    np.save(tmp_path / "kept" / f"{name}.npy", found[:, :3] if found.ndim == 3 else found[:1])
-    with pytest.raises(ValueError, match=r"kept: expected features \[\(2, 4, 8\)"):
-        DepthCache(1 << 20, features(0)).load(tmp_path / "kept")
+    np.save(tmp_path / "kept" / f"{name}.npy", found[:1])
+    with pytest.raises(ValueError, match=r"kept: expected features"):
+        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
+    np.save(tmp_path / "kept" / "cells.npy", np.zeros((2, 2), np.int64))
+    np.save(tmp_path / "kept" / "features.npy", np.zeros(2, [("scale", np.float32), ("magnitudes", np.uint8, (4, 7))]))
+    with pytest.raises(ValueError, match=r"kept: expected features 2 of"):
+        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
 
 
 def test_a_smaller_cache_takes_what_was_used_last(tmp_path):
-    cache = DepthCache(4 * features(0).nbytes, features(0))
+    cache = DepthCache(4 * features(0).nbytes, features(0).dtype)
     for number in range(4):
         cache.insert([(number, -number)], features(number))
     cache.find([(0, 0)])
     cache.save(tmp_path / "kept")
-    small = DepthCache(2 * features(0).nbytes + 5, features(0))
-    assert small.load(tmp_path / "kept") == 2
+    small = DepthCache(2 * features(0).nbytes + 5, features(0).dtype)
+    small.load(tmp_path / "kept")
+    assert len(small) == 2
     slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
     assert (slots >= 0).tolist() == [True, True, False, False]
-    assert small.stack.scales[slots[:2]].tolist() == [3.0, 0.0]
-    assert DepthCache(1, features(0)).capacity == 1
-    assert small.load(tmp_path / "none") == 0
+    assert small.stack["scale"][slots[:2]].tolist() == [3.0, 0.0]
+    assert DepthCache(1, features(0).dtype).capacity == 1
+    small.load(tmp_path / "none")
+    assert len(small) == 2
 
 
 ROOM = (np.zeros(3), np.array([9.0, 6.0, 2.6]))
@@ -141,7 +148,7 @@ def test_a_panorama_in_a_building_is_compared_by_what_was_learned(camera, box, s
 
 
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through
-    likeness.fill_nan, likeness.compare_headings_many, likeness.correlate_codes, geometry.draw_many,
+    likeness.compare_headings_many, likeness.correlate_codes, geometry.draw_many,
 )  # fmt: skip
 
 

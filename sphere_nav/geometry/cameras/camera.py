@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -13,9 +11,6 @@ from sphere_nav.geometry.arrays import Array, Flags
 
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26
-NEWTON_STEPS = 12  # that undo a distortion: to rounding, where it can be undone
-MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
-DERIVATIVE_STEP = 1e-7  # of the range, by which a point is moved; cameras/test_camera
 
 
 class Camera(Protocol):
@@ -91,52 +86,3 @@ def check_size(width: int, height: int) -> None:
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
         limits = f"at least 1 x 1, sides up to {MAX_SIDE}, {MAX_PIXELS} pixels in all"
         raise ValueError(f"camera size: expected {limits}, found {width} x {height}")
-
-
-@dataclass(frozen=True)
-class Focal(ABC):
-    """A camera whose image is a plane: with focal lengths and a centre, in pixels."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    is_whole = False
-
-    def __post_init__(self) -> None:
-        check_size(self.width, self.height)
-        if not (0 < self.fx <= MAX_LENGTH and 0 < self.fy <= MAX_LENGTH):  # K = 0 says 'uncalibrated'
-            expected = "expected positive fx, fy (calibrated camera)"
-            raise ValueError(f"focal length: {expected}, found {self.fx}, {self.fy}")
-        if not (abs(self.cx) <= MAX_LENGTH and abs(self.cy) <= MAX_LENGTH):
-            raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {self.cx}, {self.cy}")
-
-    @property
-    def pixels_per_radian(self) -> float:
-        """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy))
-
-    @abstractmethod
-    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
-        """Project points (..., 3) in the camera frame to pixels (..., 2) and whether each is inside the image."""
-
-    def J_project(self, points: ArrayLike) -> Array:
-        """Return d pixel / d point (..., 2, 3), by differences; each step is towards the axis, where there are rays."""
-        p = np.asarray(points, dtype=np.float64)
-        pixels, step = self.project(p)[0], DERIVATIVE_STEP * np.linalg.norm(p, axis=-1)
-        columns = []
-        for axis, direction in enumerate(np.eye(3)):
-            inwards = np.where((axis < 2) & (p[..., axis] > 0.0), -step, step)[..., None]
-            columns.append((self.project(p + inwards * direction)[0] - pixels) / inwards)
-        return np.stack(columns, axis=-1)
-
-    def scaled(self, factor: float) -> Self:
-        """Return the camera whose image is magnified about its centre, in an image of the same size."""
-        return replace(self, fx=self.fx * factor, fy=self.fy * factor)
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        return replace(self.scaled(0.5), width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)

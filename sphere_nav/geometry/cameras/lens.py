@@ -57,13 +57,11 @@ def free_parameters(model: str, num_distortion: int) -> Flags:
 
 
 def J_lens(camera: Camera, points: Array) -> Array:
-    """Return d pixel / d parameters (N, 2, 12) of points (N, 3), of coefficients by differences; NaN where not seen."""
+    """Return d pixel / d parameters (N, 2, 12) of points (N, 3), by differences; NaN where not seen."""
     lens, pixels = lens_of(camera), camera.project(points)[0]
     num_distortion = len(camera.distortion) if isinstance(camera, Pinhole) else 0
     J = np.zeros((len(points), 2, NUM_LENS))
-    for axis in (0, 1):
-        J[:, axis, axis], J[:, axis, 2 + axis] = (pixels[:, axis] - lens[2 + axis]) / lens[axis], 1.0
-    for k in np.flatnonzero(free_parameters(camera.model, num_distortion))[4:]:
+    for k in np.flatnonzero(free_parameters(camera.model, num_distortion)):
         moved = camera_of(
             camera.model, (camera.width, camera.height), lens + STEP * np.eye(NUM_LENS)[k], num_distortion
         )

@@ -20,7 +20,7 @@ class Omni(SphereCamera):
     xi: float = 0.0
     distortion: tuple[float, ...] = ()
     model: ClassVar[str] = "omni"
-    most_distortion: ClassVar[int] = 5
+    num_distortion: ClassVar[tuple[int, int]] = (0, 5)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,33 +1,58 @@
-"""Perspective camera with rational radial and tangential distortion (ROS `plumb_bob`, `rational_polynomial`)."""
+"""Cameras whose image is a plane; the perspective one among them (ROS `plumb_bob`, `rational_polynomial`)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sphere_nav.geometry.arrays import Array, Flags
-from sphere_nav.geometry.cameras.camera import DERIVATIVE_STEP, NEWTON_STEPS, Focal, inside
+from sphere_nav.geometry.cameras.camera import check_size, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
+MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
+WIDEST, NUM_RADII = 10.0, 4001  # undistorted radii at which the distortion is known before it is undone
+NEWTON_STEPS = 8  # that undo a distortion: to rounding, where it can be undone
+DERIVATIVE_STEP = 1e-7  # of the range, by which a point is moved; cameras/test_camera
 
 
-class PlaneCamera(Focal):
-    """A camera whose rays meet a plane, where its lens distorts them. Optical frame: z forward, x right, y down."""
+@dataclass(frozen=True)
+class PlaneCamera:
+    """A camera whose rays meet a plane, where its lens distorts them. Optical frame: z forward, x right, y down.
 
+    Focal lengths and centre are in pixels.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    is_whole = False
     model: ClassVar[str]
-    distortion: tuple[float, ...] = ()
-    most_distortion: ClassVar[int] = 0  # coefficients
+    num_distortion: ClassVar[tuple[int, int]] = (0, 0)  # coefficients, at least and at most
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if len(self.distortion) > self.most_distortion or not np.all(np.isfinite(self.distortion)):
-            expected = f"expected up to {self.most_distortion} finite numbers"
+        check_size(self.width, self.height)
+        if not (0 < self.fx <= MAX_LENGTH and 0 < self.fy <= MAX_LENGTH):  # K = 0 says 'uncalibrated'
+            expected = "expected positive fx, fy (calibrated camera)"
+            raise ValueError(f"focal length: {expected}, found {self.fx}, {self.fy}")
+        if not (abs(self.cx) <= MAX_LENGTH and abs(self.cy) <= MAX_LENGTH):
+            raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {self.cx}, {self.cy}")
+        least, most = self.num_distortion
+        if not least <= len(self.distortion) <= most or not np.all(np.isfinite(self.distortion)):
+            expected = f"expected {'up to ' if least < most else ''}{most} finite numbers"
             raise ValueError(f"distortion: {expected}, found {self.distortion}")
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Coefficients in the order of the model; none of a model without."""
+        return ()
 
     @cached_property
     def coefficients(self) -> Array:
@@ -43,18 +68,19 @@ class PlaneCamera(Focal):
         """Whether any distortion coefficient is not zero."""
         return any(self.distortion)
 
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy))
+
     @cached_property
     def max_radius(self) -> float:
         """Largest undistorted radius on the plane up to which the radial distortion grows monotonically.
 
         Beyond it the polynomial folds back and would project points from far outside into the image.
         """
-        if not self.is_distorted:
-            return np.inf
-        r = np.linspace(0.0, 10.0, 4001)
-        numerator, denominator = self._fraction(r * r)
-        distorted = np.where(denominator > 0, r * numerator / np.where(denominator > 0, denominator, 1.0), -1.0)
-        falling = np.flatnonzero(np.diff(distorted) <= 0)
+        r = np.linspace(0.0, WIDEST, NUM_RADII)
+        falling = np.flatnonzero(~(np.diff(r * self._stretch(r * r)) > 0.0))
         return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
 
     def depths(self, points: Array) -> Array:
@@ -73,7 +99,7 @@ class PlaneCamera(Focal):
         p = np.asarray(points, dtype=np.float64)
         xy = p[..., :2] / self.depths(p)[..., None]
         xy = np.where((np.sum(xy * xy, axis=-1) <= self.max_radius**2)[..., None], xy, np.nan)
-        pixels = self._distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
+        pixels = (self._distort(xy) if self.is_distorted else xy) * (self.fx, self.fy) + (self.cx, self.cy)
         return pixels, inside(pixels, self)
 
     def unproject(self, pixels: ArrayLike) -> Array:
@@ -81,9 +107,30 @@ class PlaneCamera(Focal):
         xy = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
         return self.rays(self._undistort(xy) if self.is_distorted else xy)
 
+    def J_project(self, points: ArrayLike) -> Array:
+        """Return d pixel / d point (..., 2, 3), by differences; each step is towards the axis, where there are rays."""
+        p = np.asarray(points, dtype=np.float64)
+        pixels, step = self.project(p)[0], DERIVATIVE_STEP * np.linalg.norm(p, axis=-1)
+        columns = []
+        for axis, direction in enumerate(np.eye(3)):
+            inwards = np.where((axis < 2) & (p[..., axis] > 0.0), -step, step)[..., None]
+            columns.append((self.project(p + inwards * direction)[0] - pixels) / inwards)
+        return np.stack(columns, axis=-1)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the camera whose image is magnified about its centre, in an image of the same size."""
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor)
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        return replace(self.scaled(0.5), width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)
+
     def _undistort(self, target: Array) -> Array:
-        xy = target
+        r = np.linspace(0.0, min(self.max_radius, WIDEST), NUM_RADII)
+        radius = np.linalg.norm(target, axis=-1, keepdims=True)
         with np.errstate(all="ignore"):  # rays that do not exist run away and are refused below
+            xy = target * np.where(radius > 0.0, np.interp(radius, r * self._stretch(r * r), r) / radius, 1.0)
             for _ in range(NEWTON_STEPS):
                 found = self._distort(xy)
                 a, b = (self._distort(xy + DERIVATIVE_STEP * axis) - found for axis in np.eye(2))
@@ -94,19 +141,18 @@ class PlaneCamera(Focal):
             good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
         return np.where(good[..., None], xy, np.nan)
 
-    def _fraction(self, r2: Array) -> tuple[Array, Array]:
-        """Return numerator and denominator of the radial distortion at squared radii."""
+    def _stretch(self, r2: Array) -> Array:
+        """Return by what the radial distortion multiplies radii, at their squares; NaN where it has a pole."""
         k1, k2, _, _, k3, k4, k5, k6 = self._padded
-        return 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        divisor = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        return (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / np.where(divisor > 0, divisor, np.nan)
 
     def _distort(self, xy: Array) -> Array:
-        if not self.is_distorted:
-            return xy
         x, y = xy[..., 0], xy[..., 1]
         r2, (_, _, p1, p2, *_) = x * x + y * y, self._padded
-        numerator, denominator = self._fraction(r2)
-        u = x * numerator / denominator + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        v = y * numerator / denominator + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        stretch = self._stretch(r2)
+        u = x * stretch + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * stretch + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack([u, v], axis=-1)
 
 
@@ -116,7 +162,7 @@ class Pinhole(PlaneCamera):
 
     distortion: tuple[float, ...] = ()
     model: ClassVar[str] = "pinhole"
-    most_distortion: ClassVar[int] = NUM_DISTORTION
+    num_distortion: ClassVar[tuple[int, int]] = (0, NUM_DISTORTION)
 
 
 def _determinant(a: Array, b: Array) -> Array:

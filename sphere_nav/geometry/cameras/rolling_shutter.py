@@ -62,14 +62,8 @@ def project_rolling(
         return pixels, is_inside
     for _ in range(ROW_STEPS):
         share, before = np.nan_to_num(row_share(pixels[:, 1], camera.height)), pixels
-        pixels, _ = camera.project(_moved_back(p, share, twist))
+        T_middle_row = SE3.exp(share[:, None] * np.asarray(twist, dtype=np.float64))
+        pixels, _ = camera.project(np.einsum("nji,nj->ni", T_middle_row.rotation, p - T_middle_row.translation))
         if not np.any(np.abs(pixels - before)[:, 1] > same_row):
             break
     return pixels, inside(pixels, camera)
-
-
-def _moved_back(points: Array, share: Array, twist: ArrayLike) -> Array:
-    """Return points (N, 3) of the middle row in the cameras of other rows."""
-    T_middle_row = SE3.exp(share[:, None] * np.asarray(twist, dtype=np.float64))
-    moved: Array = np.einsum("nji,nj->ni", T_middle_row.rotation, points - T_middle_row.translation)
-    return moved

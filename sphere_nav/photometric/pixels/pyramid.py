@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera
-from sphere_nav.geometry.cameras.camera import Focal
+from sphere_nav.geometry.cameras.pinhole import PlaneCamera
 from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
 from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
@@ -123,7 +123,7 @@ def magnify(pyramid: Pyramid, factor: float) -> Pyramid:
     levels = []
     for level in pyramid.levels:
         camera = level.camera
-        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Focal) else level)
+        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, PlaneCamera) else level)
     return Pyramid(tuple(levels))
 
 

@@ -11,7 +11,7 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import Drives, EvidenceLevel, JointEvidence
+from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import Spherical
@@ -58,7 +58,7 @@ class Images:
         """The mirrored image shows no place of the map."""
         return Images(self._grid, 1000 + self._seed)
 
-    def survey(self, positions, rows=None):
+    def survey(self, rows=None):
         return self._curves[slice(None) if rows is None else rows].astype(np.float32)
 
 
@@ -124,13 +124,18 @@ def test_a_large_map_says_itself_what_chance_reaches(monkeypatch, side, is_chanc
     assert (proof.p_chance > RATE, proof.is_proven) == (is_chance, not is_chance)
 
 
+def sum_of(joint, field, odometry):
+    """The sum of the drive after one more image."""
+    return joint.add(field, field, odometry, np.ones(field.shape[1:], bool))[0]
+
+
 def joint_of(field, motions):
     """The sum after an image of `field` and images that say nothing, each after one of the motions."""
     joint, pose = JointEvidence(EDGE, 2 * EDGE), np.array([3.0, -1.0, 0.7])
-    total = joint.add(field, pose)
+    total = sum_of(joint, field, pose)
     for motion in motions:
         pose = compose_planar(pose[None], np.array(motion))[0]
-        total = joint.add(np.zeros_like(field), pose)
+        total = sum_of(joint, np.zeros_like(field), pose)
     return total
 
 
@@ -152,7 +157,7 @@ def test_control_drives_look_aside_and_back_and_in_a_mirror():
     """Each fits what is seen where the vehicle goes another way than odometry says."""
 
     def level_of(*to, sees=1):
-        drives, mask = Drives(EDGE, 2 * EDGE), np.ones((12, 12), bool)
+        drives, mask = JointEvidence(EDGE, 2 * EDGE), np.ones((12, 12), bool)
         for place, ahead in (((5, 5), 0.0), (to, 2 * EDGE)):
             fields = np.zeros((2, 36, 12, 12), np.float32)
             fields[sees, 0, *place] = 6.0
@@ -163,10 +168,13 @@ def test_control_drives_look_aside_and_back_and_in_a_mirror():
     assert others == [pytest.approx(6.0 + 2.0 * FORGETTING)] * 3  # of three drives one goes there
     assert ahead == 6.0
     assert level_of(7, 5, sees=0).mirrored == pytest.approx(6.0 + 6.0 * FORGETTING)
+    field, mask = np.zeros((36, 12, 12), np.float32), np.tile(np.arange(12) < 6, (12, 1))
+    field[0, 5, 2] = 6.0  # where the map has cells
+    assert JointEvidence(EDGE, 2 * EDGE).add(0.0 * field, field, np.zeros(3), mask)[1].mirrored == 6.0
 
 
 def test_a_drive_reaches_from_one_of_its_images_to_another():
-    drives, mask, field = Drives(EDGE, 2 * EDGE), np.ones((12, 12), bool), np.zeros((36, 12, 12), np.float32)
+    drives, mask, field = JointEvidence(EDGE, 2 * EDGE), np.ones((12, 12), bool), np.zeros((36, 12, 12), np.float32)
 
     def extent(*odometry):
         return drives.add(field, field, np.array(odometry), mask)[1].extent_m
@@ -189,10 +197,10 @@ def test_odometry_may_err_by_a_cell_and_a_heading():
 def test_after_a_gap_in_odometry_an_image_stands_alone():
     joint, field = JointEvidence(EDGE, 2 * EDGE), np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
-    joint.add(field, np.zeros(3))
+    sum_of(joint, field, np.zeros(3))
     for odometry in (None, np.array([2 * EDGE, 0.0, 0.0])):
-        np.testing.assert_array_equal(joint.add(field, odometry), field)
-    assert peak_of(joint.add(np.zeros_like(field), np.array([4 * EDGE, 0.0, 0.0]))) == (0, 5, 5)
+        np.testing.assert_array_equal(sum_of(joint, field, odometry), field)
+    assert peak_of(sum_of(joint, np.zeros_like(field), np.array([4 * EDGE, 0.0, 0.0]))) == (0, 5, 5)
 
 
 def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, image_covariance
-from mcl_depth.belief.motion_model import MotionModel
+from mcl_depth.belief.image_motion import ReconciledOdometry, image_covariance, measure_motion
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
@@ -45,17 +46,14 @@ def test_a_turned_camera_is_unsure_along_the_corridor():
     for yaw in (0.0, 1.0):
         turn, images = SE3.from_planar(0.0, 0.0, yaw).rotation, []
         for x, rays in ((0.5, CAMERA.unproject(GRID)), (0.7, CAMERA.unproject(GRID) @ turn.T)):
+            place = [x, 0.0, 0.0]
             with np.errstate(divide="ignore"):
-                points = rays * np.min((np.sign(rays) * HALF - [x, 0.0, 0.0]) / rays, axis=-1)[..., None] + [
-                    x,
-                    0.0,
-                    0.0,
-                ]
+                points = rays * np.min((np.sign(rays) * HALF - place) / rays, axis=-1)[..., None] + place
             stripes = np.sin(points @ [0.1, 3.3, 1.7]) + np.sin(points @ [-0.1, 2.3, 3.9])
             images.append((128.0 + 50.0 * stripes).astype(np.float32))
-        motion = ImageMotion(Room())
-        motion.keep(images[0], np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
-        step = motion.measure(Observation(images[1], CAMERA, 1, turn), np.array([0.15, 0.0, 0.0]))
+        found = ReconciledOdometry(Room(), MotionParams())
+        found.keep(images[0], np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
+        step = measure_motion(found._view, Observation(images[1], CAMERA, 1, turn), np.array([0.15, 0.0, 0.0]))
         by_image = np.diag(step.covariance - image_covariance(float(np.hypot(*step.motion[:2]))))
         assert by_image[0] > 5.0 * by_image[1] > 0.0
 
@@ -68,7 +66,7 @@ def test_a_long_way_by_images_is_less_sure():
 @pytest.fixture
 def check():
     """What has seen two images half a metre apart, the second of them at (0.5, 0) and kept."""
-    found = ReconciledOdometry(Room(), MotionModel(MotionParams()))
+    found = ReconciledOdometry(Room(), MotionParams())
     for x in (0.0, 0.5):
         found.reconcile(observe(image_at(x, 0.0), (x, 0.0, 0.0)), is_held=True)
         found.keep(image_at(x, 0.0), np.ones((90, 180), np.bool_), np.array([x, 0.0, 0.0]))
@@ -98,6 +96,15 @@ def test_an_image_of_another_place_leaves_the_motion_unknown_unless_images_never
     check.forget()
     check.keep(image_at(0.5, 0.0), np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
     assert not check.reconcile(observe(strange, (1.0, 0.0, 0.0)), is_held=True).is_contradicted
+
+
+def test_after_a_gap_in_odometry_nobody_knows_the_way(check):
+    image = image_at(1.0, 0.0)
+    check.reconcile(replace(observe(image, None), stamp_ns=2 * 10**9), is_held=True)
+    check.keep(image, np.ones((90, 180), np.bool_), np.array([1.0, 0.0, 0.0]))
+    seen = check.reconcile(observe(image, (1.0, 0.0, 0.0)), is_held=True)
+    assert not seen.step.is_known
+    assert not seen.step.sigmas.any()  # by a clock that went back
 
 
 def test_images_that_move_across_odometry_name_the_mounting(check):

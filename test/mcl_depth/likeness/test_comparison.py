@@ -145,4 +145,4 @@ def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
     assert np.allclose(found.magnitude, expected / expected.sum(), rtol=1e-4)
     assert np.array_equal(found.x[measured], everywhere.x[measured])
     coded = depth_features_many(range_m[None], ComparisonParams(is_measured_only=True))
-    assert not coded.magnitudes[0][~measured].any()
+    assert not coded["magnitudes"][0][~measured].any()

@@ -61,14 +61,16 @@ def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        curves.append(depth_map.prepare(places).curves(visual, HEADINGS))
+        depth_map.prepare(places)
+        curves.append(depth_map.survey.curves(visual, HEADINGS))
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    assert len(made(folder=str(tmp_path))[1].prepare(places[:20]).curves(visual, HEADINGS)) == 20
+    depth_map.prepare(places[:20])
+    assert len(depth_map.survey.curves(visual, HEADINGS)) == 20
     for part in tmp_path.glob("*_*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].prepare(places).curves(visual, HEADINGS)
+        made(folder=str(tmp_path))[1].prepare(places)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):

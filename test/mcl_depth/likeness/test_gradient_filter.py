@@ -60,9 +60,9 @@ def test_a_part_is_found_as_by_the_correlation_where_a_strong_edge_weighs_by_its
 
 
 def decoded(stack):
-    angles = stack.directions * np.pi / 255
-    known = stack.directions < 255
-    magnitudes = stack.scales[:, None, None] * (stack.magnitudes / 255.0) ** 2
+    angles = stack["directions"] * np.pi / 255
+    known = stack["directions"] < 255
+    magnitudes = stack["scale"][:, None, None] * (stack["magnitudes"] / 255.0) ** 2
     return zip(np.cos(angles) * known, np.sin(angles) * known, magnitudes, strict=True)
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.spectra import correlate, encode_cells, encode_spectra, scales_of, spectra_of
+from mcl_depth.likeness.spectra import correlate, encode_cells, scales_of, spectra_of
 
 CELLS, HEIGHT, WIDTH = 9, 6, 48
 ALL = range(WIDTH // 2)
@@ -21,14 +19,14 @@ def pictures():
 
 
 @pytest.mark.parametrize("frequencies", [ALL, range(1, WIDTH // 2)])
-def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
+def test_the_correlation_around_is_the_sum_of_products(monkeypatch, pictures, frequencies):
     if frequencies.start:
         pictures = pictures - pictures.mean(axis=-1, keepdims=True)
     image, cells = pictures[0], pictures[1:]
-    spectra = spectra_of(cells, frequencies)
-    scales, slots = scales_of(spectra), np.arange(len(cells))
+    slots = np.arange(len(cells))
     slots[3] = -1
-    codes = encode_spectra([spectra[:, :5], spectra[:, 5:]], scales, slots)
+    monkeypatch.setattr("mcl_depth.likeness.spectra.BATCH", 5)
+    codes, scales = encode_cells(cells, slots, lambda part: part, frequencies)
     found = correlate(codes, spectra_of(image, frequencies) * scales, None, frequencies.start, WIDTH) / WIDTH
     wanted = np.array([[np.vdot(np.roll(cell, shift, axis=-1), image) for shift in range(WIDTH)] for cell in cells])
     wanted[3] = 0.0
@@ -38,6 +36,5 @@ def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
 
 
 def test_codes_are_scaled_by_cells_that_are_there(pictures):
-    stack = SimpleNamespace(take=lambda slots: pictures[slots])
-    _, scales = encode_cells(stack, np.array([4, -1, 2, -1]), lambda part: part, ALL)
+    _, scales = encode_cells(pictures, np.array([4, -1, 2, -1]), lambda part: part, ALL)
     np.testing.assert_array_equal(scales, scales_of(spectra_of(pictures[[4, 2]], ALL)))

@@ -25,12 +25,14 @@ def test_straight_behind_is_not_visible():
     assert visible.tolist() == [False, True]
     assert np.isnan(pixels[0]).all()
     np.testing.assert_allclose(pixels[1], [499.5, 499.5])
+    rays = camera.unproject([[499.5 + 150.0 * 3.14, 499.5], [499.5 + 150.0 * 3.15, 499.5]])
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
 
 
 def test_folding_of_strong_distortion_and_wrong_coefficients_are_refused():
     camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5, (-0.1, 0.0, 0.0, 0.0))  # turns back at sqrt(10 / 3)
     fold = np.sqrt(10 / 3)
-    assert camera.max_angle == pytest.approx(fold, abs=3e-3)  # two steps of the scan
+    assert camera.max_radius == pytest.approx(fold, abs=6e-3)  # two steps of the scan
     angle = np.array([fold - 0.1, fold + 0.1])
     visible = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))[1]
     assert visible.tolist() == [True, False]
