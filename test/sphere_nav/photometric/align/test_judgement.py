@@ -22,8 +22,9 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     seen = image + np.random.default_rng(3).normal(size=image.shape).astype(np.float32) * np.float32(noise)
     image = RigImage(build_pyramid(seen, CAMERA, params.pyramid), views=(view,))
     problem = Problem.choose_pixels([image], 0, T_BODY_OPTICAL, params)
-    descent = Descent(AlignmentState.start(T_BODY_OPTICAL, 1), 5, motion, True)
-    return classify(problem.compare(descent.state), descent, 5, overlap, params, np.zeros((6, 6)))
+    state = AlignmentState.start(T_BODY_OPTICAL, 1)
+    descent = Descent(state, 5, motion, True, problem.compare(state)[2])
+    return classify(descent, 5, overlap, params, np.zeros((6, 6)))
 
 
 def test_a_good_end_is_good_and_its_correlation_that_of_the_pixels(room):
@@ -67,7 +68,7 @@ def measured(room, noise) -> float:
     pyramid = build_pyramid((now + noise).astype(np.float32), WIDE, ONE_LEVEL.pyramid)
     view = View(prepare_reference(gray, range_m, WIDE, ONE_LEVEL), SE3.identity())
     problem = Problem.choose_pixels([RigImage(pyramid, views=(view,))], 0, TURNED, ONE_LEVEL)
-    return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
+    return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1))[2], 99.0)
 
 
 @pytest.mark.slow

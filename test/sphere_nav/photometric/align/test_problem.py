@@ -25,7 +25,7 @@ def with_itself(image, range_m, params):
 
 def cost(problem, T_world_camera):
     """Half the sum of squared residuals, all weights being one."""
-    (view,) = problem.compare(AlignmentState.start(T_world_camera, 1))
+    *_, (view,) = problem.compare(AlignmentState.start(T_world_camera, 1))
     return 0.5 * view.pieces[:, RESIDUAL_SQUARED].sum()
 
 
@@ -36,8 +36,7 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
     smooth = cv2.GaussianBlur(image, (0, 0), 3.0)  # so that central differences are the derivative
     problem = with_itself(smooth, range_m, RegistrationParams())
     T_start = T_WORLD_REFERENCE @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
-    H, g, _ = problem.linearize(AlignmentState.start(T_start, 1))
-    (compared,) = problem.compare(AlignmentState.start(T_start, 1))
+    H, g, (compared,) = problem.compare(AlignmentState.start(T_start, 1))
     H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
     scale = np.sqrt(np.diag(H))
     sides = [[cost(problem, T_start @ SE3.exp(s * step * axis)) for s in (1, 0, -1)] for axis in np.eye(6)]
@@ -49,12 +48,12 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
 
 def test_an_image_compared_with_itself_has_no_residual(room):
     problem = with_itself(*room.render(CAMERA, T_WORLD_REFERENCE), RegistrationParams())
-    (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
+    *_, (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
     # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
     assert abs(found.median) < 0.25
     assert found.sigma == 1.0
     assert found.num_inliers == found.num_visible
-    (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
+    *_, (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
     assert abs(brighter.median - 40.0) < 0.25
 
 
