@@ -76,7 +76,7 @@ def _judge(
 ) -> Alignment:
     """Say what the last descent has found, after so many iterations."""
     T_world_body = descent.state.T_world_body
-    overlaps = [image_overlap(image.pyramid, image.views, image.pose(T_world_body)) for image in images]
+    overlaps = [image_overlap(image.pyramid.cameras, image.views, image.pose(T_world_body)) for image in images]
     known, _ = expected.pull_at(T_world_body)
     return classify(descent, iterations, float(np.mean(overlaps)), params, known)
 

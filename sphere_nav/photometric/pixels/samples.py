@@ -15,7 +15,7 @@ from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.align.projection import Floats, KernelCamera, in_blocks, kernel_motion, rolling
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
@@ -103,12 +103,10 @@ class CellCosines(NamedTuple):
 def cosines_by_cell(sample: Sample, cells: tuple[int, int], least: int, num_images: int = 1) -> CellCosines:
     """Return the cosines by cells (columns, rows) of so many images, or more; known are those of `least` pixels."""
     cell, (cosine, weight) = cell_of(sample, cells), cosines(sample)
-    total, agreeing, count = (
-        np.bincount(cell, one, num_images * math.prod(cells)) for one in (weight, weight * cosine, np.ones(len(cell)))
-    )
-    return CellCosines(
-        cell, cosine, weight, total, agreeing / np.maximum(total, TINY), (count >= least) & (total > 0.0)
-    )
+    values = np.stack([weight, weight * cosine, np.ones(len(cell))], axis=-1)
+    total, agreeing, count = sum_by_cell(cell, values, num_images * math.prod(cells)).T
+    known = (count >= least) & (total > 0.0)
+    return CellCosines(cell, cosine, weight, total, agreeing / np.maximum(total, TINY), known)
 
 
 def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
@@ -121,7 +119,7 @@ def sum_by_cell(cell: NDArray[np.int64], values: Array, num_cells: int = 0) -> A
     """Return the sum (cells, ...) of values (N, ...) in each cell, of so many cells at least."""
     shape = values.shape[1:]
     sums = [np.bincount(cell, one, num_cells) for one in values.reshape(len(cell), math.prod(shape)).T]
-    return np.stack(sums, axis=-1).reshape(-1, *shape)
+    return np.asarray(np.stack(sums, axis=-1).reshape(-1, *shape), np.float64)
 
 
 def sample_images(
@@ -162,10 +160,7 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
     step = max(1, selection.num_pixels // number)
     some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]
     rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, some.shape[0] * some.shape[2])
-    count = -(-rows.shape[1] // SIDE)
-    blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
-    blocks[:, : rows.shape[1]] = rows
-    return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
+    return in_blocks(rows)
 
 
 def locate_pixels(blocks: Floats, T: SE3, camera: KernelCamera, level: Level) -> Floats:

@@ -7,8 +7,9 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
+from sphere_nav.photometric.align.projection import in_blocks
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
+from sphere_nav.photometric.align.rotation import correlate, correlation_after_turn, register_rotation
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -90,3 +91,20 @@ def test_images_that_share_little_or_show_nothing_do_not_correlate(room):
     even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid)
     assert correlation_after_turn(level, level, SE3.exp([0, 0, 0, 0, np.deg2rad(90), 0]).rotation) is None
     assert correlation_after_turn(level, even, np.eye(3)) is None
+
+
+def test_a_correlation_is_of_what_is_in_view():
+    """Points at the middle of pixels, some of them behind the camera; gain and offset do not count."""
+    rng = np.random.default_rng(4)
+    image = rng.uniform(20.0, 230.0, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    level = build_pyramid(image, CAMERA).levels[0]
+    row, column = rng.integers(2, 90, 40), rng.integers(2, 90, 40)
+    seen, other = image[row, column], image[row, column[::-1]]
+    pixels = np.zeros((7, 40), np.float32)
+    pixels[:3] = 3.0 * CAMERA.unproject(np.stack([column, row], axis=-1).astype(float)).T
+    for gray, expected in ((seen, 1), (0.5 * seen + 20, 1), (255 - seen, -1), (other, np.corrcoef(seen, other)[0, 1])):
+        pixels[3] = gray
+        found, number = correlate(in_blocks(pixels), SE3.identity(), level)
+        assert (found, number) == (pytest.approx(expected, abs=2e-3), 40)  # float32 falls beside a pixel by 1e-5
+    pixels[:3, 15:] *= -1.0
+    assert correlate(in_blocks(pixels), SE3.identity(), level)[1] == 15

@@ -93,7 +93,8 @@ TWO_LEVELS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
 def overlap(range_m, turn=0.0):
     image = np.zeros((120, 160), np.uint8)
     view = View(prepare_reference(image, range_m, PINHOLE, TWO_LEVELS), SE3.identity())
-    return image_overlap(build_pyramid(image, PINHOLE, TWO_LEVELS.pyramid), [view], SE3.exp([0, 0, 0, 0, turn, 0]))
+    cameras = build_pyramid(image, PINHOLE, TWO_LEVELS.pyramid).cameras
+    return image_overlap(cameras, [view], SE3.exp([0, 0, 0, 0, turn, 0]))
 
 
 def test_what_comes_into_view_or_has_no_range_is_not_covered():
