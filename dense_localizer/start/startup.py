@@ -119,16 +119,19 @@ class Startup:
         return self._refine(seen, list(map(Guess, nodes[:1] + nodes, [T_map_camera, *there])))
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
-        """Return the best of several poses in a sphere, with how much the image resembles it there."""
+        """Return the best of several poses in a sphere, with how much the image resembles it there.
+
+        That is their correlation, weakened where few points are seen; -1 where too few.
+        """
         pixels = self._references.coarse.reference(node.id).levels[-1].pixels
         *_, angle = view_cone(seen.pyramid.cameras[0]).tolist()
         num_around = pixels.shape[1] * 0.5 * (1.0 - np.cos(angle))
         pixels = pixels[:, :: max(1, int(min(pixels.shape[1] / NUM_COMPARED_POINTS, num_around / NUM_SEEN_POINTS)))]
         blocks, level = in_blocks(pixels), seen.pyramid.levels[-1]
-        found = [correlate(blocks, SE3(T), level) for T in T_sphere_camera.inverse().matrix]
-        scores = [weaken(ncc, count, pixels.shape[1]) for ncc, count in found]
-        best = np.argsort(-np.array(scores), kind="stable")[:NUM_ALIGNED].tolist()
-        return [Guess(node, node.T_map_sphere @ T_sphere_camera[row], scores[row]) for row in best]
+        ncc, count = np.array([correlate(blocks, SE3(T), level) for T in T_sphere_camera.inverse().matrix]).T
+        scores = np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / pixels.shape[1]), -1.0)
+        best = np.argsort(-scores, kind="stable")[:NUM_ALIGNED].tolist()
+        return [Guess(node, node.T_map_sphere @ T_sphere_camera[row], float(scores[row])) for row in best]
 
     def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
         aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
@@ -143,11 +146,6 @@ class Startup:
         found = register(seen.pyramid, [view], guess.T_map_camera, params, expected=expected)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
-
-
-def weaken(ncc: float, count: int, number: int) -> float:
-    """Return a correlation of some of so many points, weakened where few are seen; -1 where too few."""
-    return ncc * float(np.sqrt(count / number)) if count >= MIN_COMPARED_POINTS else -1.0
 
 
 def find_attitude(seen: RigImage, ground: Ground) -> SE3:

@@ -92,7 +92,7 @@ def test_a_score_is_the_weighted_sum_of_cosines_of_its_cell_at_each_shift(rng):
     column, row = rng.integers(3, 37, 50).astype(np.int32), rng.integers(3, 27, 50).astype(np.int32)
     angle, weight = rng.uniform(-np.pi, np.pi, 50), rng.uniform(1.0, 2.0, 50).astype(np.float32)
     direction = np.column_stack([np.cos(angle), np.sin(angle)]).astype(np.float32)
-    cell = rng.integers(0, 3, 50).astype(np.int32)
+    cell = rng.integers(0, 3, 50)
     scores = np.zeros((3, 5, 5))
     score_shifts(image, column, row, direction, weight, cell, reach, scores)
     down, right = np.gradient(image)
