@@ -33,7 +33,6 @@ MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: fac
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
 
 # Choice of references, M15 eq. 17 (references/test_reference)
-NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
 LOOK_AHEAD = 0.2  # of the range that a view shows, by which key spheres ahead are taken for nearer; one town, 30 deg
 NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 NUM_CONTRAST_IMAGES = 16  # latest images of which the local contrast is kept: several cameras, some predictions

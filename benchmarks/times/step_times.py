@@ -110,7 +110,7 @@ def iteration_ms(image: NDArray[np.uint8], room: Any, num_runs: int) -> NDArray[
     seen = RigImage(build_pyramid(image, CAMERA, params.pyramid), views=(view,))
     problem = Problem.choose_pixels([seen], 0, T_BODY_OPTICAL, params)
     state = AlignmentState.start(T_BODY_OPTICAL @ SE3.exp(START_ERROR), 1)
-    return repeat_cpu(lambda: [problem.linearize(state) for _ in range(NUM_ITERATIONS)], num_runs) / NUM_ITERATIONS
+    return repeat_cpu(lambda: [problem.compare(state) for _ in range(NUM_ITERATIONS)], num_runs) / NUM_ITERATIONS
 
 
 def drive(room: Any, num_images: int, num_searches: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -34,7 +34,7 @@ from sphere_nav.photometric import Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import MIN_COSINE_RATIO
 from sphere_nav.photometric.pixels.pyramid import hide
-from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell, sample_images
+from sphere_nav.photometric.pixels.samples import cosines_by_cell, sample_images
 
 COLUMNS, ROWS = MASK_CELLS
 Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
@@ -79,12 +79,18 @@ class ViewMask:
             return
         self._last = pose
         images = [replace(one, pyramid=one.pyramid.whole or one.pyramid) for one in candidate.images]
-        for image, sample in sample_images(images, pose, alignment.light, self._params, candidate.motion):
+        sample = sample_images(images, pose, alignment.light, self._params, candidate.motion)
+        found = cosines_by_cell(sample, MASK_CELLS, MIN_MASK_PIXELS, len(images))
+        disagree = found.mean < MIN_COSINE_RATIO * found.typical
+        asked = found.known & (found.typical >= MIN_MASK_COSINE)
+        cells = (one.reshape(-1, ROWS, COLUMNS) for one in (disagree, asked))
+        for image, disagrees, is_asked in zip(images, *cells, strict=True):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
             self._gradients[image.name] = now
             if before is not None and before.shape == now.shape:
                 log_odds = self._log_odds.get(image.name, np.zeros((ROWS, COLUMNS)))
-                self._log_odds[image.name] = np.clip(log_odds + _vote(sample, _are_still(now, before)), *LOG_ODDS_RANGE)
+                votes = np.where(disagrees & _are_still(now, before), LOG_ODDS_HIDDEN, LOG_ODDS_SEEN)
+                self._log_odds[image.name] = np.clip(log_odds + is_asked * votes, *LOG_ODDS_RANGE)
 
     def _has_moved(self, T_map_body: SE3, typical_range_m: float) -> bool:
         """Say whether most cells show something else than when they were last asked."""
@@ -92,14 +98,6 @@ class ViewMask:
             return True
         xi = (self._last.inverse() @ T_map_body).log()
         return float(np.linalg.norm(xi[:3]) / typical_range_m + np.linalg.norm(xi[3:])) >= MASK_STEP_RAD
-
-
-def _vote(sample: Sample, still: Cells) -> Array:
-    """Return what one image adds to the log-odds; 0 where a cell shows too little, or the whole image is not alike."""
-    found = cosines_by_cell(sample, MASK_CELLS, MIN_MASK_PIXELS)
-    disagrees = (found.mean < MIN_COSINE_RATIO * found.typical).reshape(ROWS, COLUMNS)
-    asked = found.known.reshape(ROWS, COLUMNS) & (found.typical >= MIN_MASK_COSINE)
-    return np.where(asked, np.where(disagrees & still, LOG_ODDS_HIDDEN, LOG_ODDS_SEEN), 0.0)
 
 
 def _gradients(pyramid: Pyramid) -> Array:
@@ -110,14 +108,6 @@ def _gradients(pyramid: Pyramid) -> Array:
 
 def _are_still(now: Array, before: Array) -> Cells:
     """Return which cells show the same gradients (2, H, W) at the same place in two images."""
-    height, width = now.shape[1:]
-    cell = (np.arange(height)[:, None] * ROWS // height * COLUMNS + np.arange(width) * COLUMNS // width).reshape(-1)
-    both, *squares = (
-        _sum(cell, np.sum(a * b, axis=0).reshape(-1)) for a, b in ((now, before), (now, now), (before, before))
-    )
+    pairs = (now, before), (now, now), (before, before)
+    both, *squares = (cv2.resize(np.sum(a * b, axis=0), MASK_CELLS, interpolation=cv2.INTER_AREA) for a, b in pairs)
     return np.asarray(both > MIN_STILL_COSINE * np.sqrt(squares[0] * squares[1]))
-
-
-def _sum(cell: NDArray[np.int64], values: Array) -> Array:
-    """Return the sum (ROWS, COLUMNS) of the values (N,) in each cell."""
-    return np.asarray(np.bincount(cell, values, ROWS * COLUMNS).reshape(ROWS, COLUMNS), np.float64)

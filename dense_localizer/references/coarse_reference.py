@@ -14,7 +14,6 @@ from dense_localizer.constants import (
     FORWARD_STEP,
     MIN_COARSE_PIXELS,
     NUM_COARSE_LEVELS,
-    NUM_COVERAGE_POINTS,
     NUM_LAID_OUT,
 )
 from sphere_nav.geometry import Spherical
@@ -46,7 +45,6 @@ class CoarseReferences(dict[int, CoarseReference]):
         super().__init__()
         self.load, self._params = spheres.__getitem__, limit_levels(params)
         self.reference = lru_cache(NUM_PREPARED)(self._prepare)
-        self.points = cache(self._thin)
         self.panorama = lru_cache(2 * NUM_LAID_OUT)(self._draw)
 
     def __missing__(self, sphere_id: int) -> CoarseReference:
@@ -59,11 +57,6 @@ class CoarseReferences(dict[int, CoarseReference]):
         """Return the levels of a small sphere."""
         sphere = self.load(sphere_id)
         return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, self._params)
-
-    def _thin(self, sphere_id: int) -> NDArray[np.float32]:
-        """Return a few points (N, 3) m of a small sphere."""
-        points = self.reference(sphere_id).levels[-1].points
-        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_COVERAGE_POINTS)].T)
 
     def _draw(self, sphere_id: int, by_contrast: bool = False) -> NDArray[np.float32]:
         """Return the edges of a small sphere, or of its local contrast."""

@@ -10,14 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD, MIN_LIKENESS_LEAD, NUM_COMPARED_POINTS
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.projection import view_cone
+from sphere_nav.photometric.align.projection import in_blocks
+from sphere_nav.photometric.align.rotation import correlate
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.appearance.headings import cut_view, score_headings
 from sphere_nav.spheres.graph import Experience, KeySphere
@@ -76,41 +73,7 @@ class ExperienceChoice:
 
     def compare(self, node: KeySphere, sight: Sight) -> float:
         """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""
-        level = self._coarse.reference(node.id).levels[-1]
-        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
-        points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        T_camera_sphere = (sight.T_map_camera.inverse() @ node.T_map_sphere).matrix[None]
-        return float(correlate_poses(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
-
-
-def score_poses(
-    points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
-) -> Array:
-    """Return for each of G poses the correlation, weakened where few points are seen; -1 where too few."""
-    ncc, count = correlate_poses(points, intensity, T_camera_sphere, level)
-    return np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / points.shape[0]), -1.0)
-
-
-def correlate_poses(
-    points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return for each of G poses the correlation, -1 where too few points are seen, and their number.
-
-    points (N, 3) m and intensity (N,) of the sphere, T_camera_sphere a batch of G, the image at one level.
-    """
-    local = T_camera_sphere.apply(points.astype(np.float64))
-    *axis, angle = view_cone(level.camera).tolist()
-    far = np.sqrt(np.einsum("gni,gni->gn", local, local))  # a third of the time of a norm
-    pose, point = np.nonzero(local @ np.array(axis) >= np.cos(angle) * far)
-    pixels, is_visible = level.camera.project(local[pose, point])
-    pose, point, (u, v) = pose[is_visible], point[is_visible], pixels[is_visible].T
-    column = np.rint(u).astype(np.int64) + level.pad
-    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)  # a whole sphere sees its poles
-    seen, known = level.image[row, column].astype(np.float64), intensity[point].astype(np.float64)
-    count, number = np.bincount(pose, minlength=len(local)), len(local)
-    products = seen, known, seen * known, seen**2, known**2
-    means = (np.bincount(pose, one, number) / np.maximum(count, 1) for one in products)
-    mean_seen, mean_known, product, square_seen, square_known = means
-    variance = (square_seen - mean_seen**2) * (square_known - mean_known**2)
-    ncc = (product - mean_seen * mean_known) / np.sqrt(np.maximum(variance, 1e-6))
-    return np.where(count >= MIN_COMPARED_POINTS, ncc, -1.0), count
+        pixels = self._coarse.reference(node.id).levels[-1].pixels
+        blocks = in_blocks(pixels[:, :: max(1, pixels.shape[1] // NUM_COMPARED_POINTS)])
+        ncc, count = correlate(blocks, sight.T_map_camera.inverse() @ node.T_map_sphere, sight.level)
+        return ncc if count >= MIN_COMPARED_POINTS else -1.0

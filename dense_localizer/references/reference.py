@@ -39,12 +39,11 @@ from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.projection import view_cone
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.constants import CELLS
+from sphere_nav.photometric.align.rig import RigImage, image_overlap
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
+from sphere_nav.photometric.pixels.pyramid import level_cameras
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
@@ -305,9 +304,10 @@ class References:
         first = nodes[: count or self._params.num_references] if len(self._parts) == 1 else nodes
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
-        T_camera_map = T_map_camera.inverse()
-        T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
-        overlaps = measure_coverage([self.coarse.points(node.id) for node in nodes], T_camera_sphere, camera)
+        pyramid = self._registration.pyramid
+        cameras = level_cameras(camera, pyramid.num_levels, pyramid.min_side)
+        views = [View(self.coarse.reference(node.id), node.T_map_sphere) for node in nodes]
+        overlaps = [image_overlap(cameras, [view], T_map_camera) for view in views]
         return nodes, np.where([self.coarse[node.id].camera.is_whole for node in nodes], 1.0, overlaps)
 
     def _nearest_of_all(self, T_map_camera: SE3) -> list[KeySphere]:
@@ -349,19 +349,3 @@ def _sphere_id(key: int) -> int:
 def measure_distance(node: KeySphere, T_map_camera: SE3) -> float:
     """Return the meters between a key sphere and a camera."""
     return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))
-
-
-def measure_coverage(points: Sequence[NDArray[np.floating]], T_camera_sphere: Sequence[SE3], camera: Camera) -> Array:
-    """Return the share (N,) of the image's cells that the points (M, 3) of each of N spheres reach."""
-    points_camera = [T.apply(one) for T, one in zip(T_camera_sphere, points, strict=True)]
-    if not points_camera:
-        return np.zeros(0)
-    owner = np.repeat(np.arange(len(points)), [one.shape[0] for one in points])
-    pixels, is_visible = camera.project(np.concatenate(points_camera))
-    u, v = pixels[is_visible].T
-    columns, rows = CELLS
-    column = np.clip((u + 0.5) * (columns / camera.width), 0, columns - 1).astype(np.int64)
-    row = np.clip((v + 0.5) * (rows / camera.height), 0, rows - 1).astype(np.int64)
-    cells = np.zeros((len(points), rows, columns), np.bool_)
-    cells[owner[is_visible], row, column] = True
-    return cells.mean(axis=(1, 2))

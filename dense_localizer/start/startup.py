@@ -19,6 +19,7 @@ from dense_localizer.constants import (
     CLEAR_LEAD,
     MAX_GUESS_M,
     MAX_PITCH_RAD,
+    MIN_COMPARED_POINTS,
     NUM_ALIGNED,
     NUM_COMPARED_POINTS,
     NUM_NEAR,
@@ -34,7 +35,6 @@ from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
 from dense_localizer.references.ground import Ground
-from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
 from dense_localizer.start.by_edges import EdgeSearch
@@ -43,8 +43,9 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
-from sphere_nav.photometric.align.projection import view_cone
+from sphere_nav.photometric.align.projection import in_blocks, view_cone
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.rotation import correlate
 from sphere_nav.spheres.graph import Experience, KeySphere
 
 
@@ -118,13 +119,17 @@ class Startup:
         return self._refine(seen, list(map(Guess, nodes[:1] + nodes, [T_map_camera, *there])))
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
-        """Return the best of several poses in a sphere, with how much the image resembles it there."""
-        level = self._references.coarse.reference(node.id).levels[-1]
+        """Return the best of several poses in a sphere, with how much the image resembles it there.
+
+        That is their correlation, weakened where few points are seen; -1 where too few.
+        """
+        pixels = self._references.coarse.reference(node.id).levels[-1].pixels
         *_, angle = view_cone(seen.pyramid.cameras[0]).tolist()
-        num_around = level.num_pixels * 0.5 * (1.0 - np.cos(angle))
-        step = max(1, int(min(level.num_pixels / NUM_COMPARED_POINTS, num_around / NUM_SEEN_POINTS)))
-        points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
+        num_around = pixels.shape[1] * 0.5 * (1.0 - np.cos(angle))
+        pixels = pixels[:, :: max(1, int(min(pixels.shape[1] / NUM_COMPARED_POINTS, num_around / NUM_SEEN_POINTS)))]
+        blocks, level = in_blocks(pixels), seen.pyramid.levels[-1]
+        ncc, count = np.array([correlate(blocks, SE3(T), level) for T in T_sphere_camera.inverse().matrix]).T
+        scores = np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / pixels.shape[1]), -1.0)
         best = np.argsort(-scores, kind="stable")[:NUM_ALIGNED].tolist()
         return [Guess(node, node.T_map_sphere @ T_sphere_camera[row], float(scores[row])) for row in best]
 

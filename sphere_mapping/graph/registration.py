@@ -54,7 +54,7 @@ class PreparedSphere:
     @cached_property
     def coverage(self) -> float:
         """Overlap that it has with itself: the share of its image that has a range, as `align_sphere` counts it."""
-        return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
+        return image_overlap(self.pyramid.cameras, [self.at(SE3.identity())], SE3.identity())
 
     @cached_property
     def region_m(self) -> float:

@@ -45,7 +45,7 @@ def register_rig(
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
         descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations
-    return _judge(images, problem, descent, iterations, params)
+    return _judge(images, descent, iterations, params, expected)
 
 
 def register(
@@ -66,18 +66,19 @@ def evaluate(
     """Return what `register` would report at a pose without moving it; ValueError as there."""
     params, images = params or RegistrationParams(), [RigImage(pyramid, views=tuple(views))]
     _check(images)
-    stay = Descent(_start(images, T_world_camera), 0, 0.0, is_determined=True)
-    return _judge(images, Problem.choose_pixels(images, 0, T_world_camera, params), stay, 0, params)
+    problem, start = Problem.choose_pixels(images, 0, T_world_camera, params), _start(images, T_world_camera)
+    *_, found = problem.compare(start)
+    return _judge(images, Descent(start, 0, 0.0, is_determined=True, found=found), 0, params, problem.expected)
 
 
 def _judge(
-    images: Sequence[RigImage], problem: Problem, descent: Descent, iterations: int, params: RegistrationParams
+    images: Sequence[RigImage], descent: Descent, iterations: int, params: RegistrationParams, expected: Expectation
 ) -> Alignment:
-    """Say what the last descent has found, after so many iterations; compare once more where it did not end."""
-    found, T_world_body = descent.found or problem.compare(descent.state), descent.state.T_world_body
-    overlaps = [image_overlap(image.pyramid, image.views, image.pose(T_world_body)) for image in images]
-    known, _ = problem.expected.pull_at(T_world_body)
-    return classify(found, descent, iterations, float(np.mean(overlaps)), params, known)
+    """Say what the last descent has found, after so many iterations."""
+    T_world_body = descent.state.T_world_body
+    overlaps = [image_overlap(image.pyramid.cameras, image.views, image.pose(T_world_body)) for image in images]
+    known, _ = expected.pull_at(T_world_body)
+    return classify(descent, iterations, float(np.mean(overlaps)), params, known)
 
 
 def _start(images: Sequence[RigImage], T_world_body: SE3) -> AlignmentState:

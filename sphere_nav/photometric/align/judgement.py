@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sphere_nav.estimation.normal_equations import inverse_and_condition
+from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
@@ -61,30 +61,35 @@ def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> floa
 
     The pixels of a view are summed in pieces of scan order. Were residuals independent, the gradient g of a piece would
     scatter by sigma^2 H of that piece, so that the sum of g' H^-1 g / sigma^2 over all pieces, H of the whole view,
-    would be 8 (pose, gain and bias), less what the fit takes away. Correlation multiplies it (the scalar form of
-    cluster-robust covariance). `otherwise` is returned where there are too few pieces.
+    would be 8 (pose, gain and bias), less what a fit takes away: gradients are those at the minimum of the view
+    alone. Correlation multiplies it (the scalar form of cluster-robust covariance). `otherwise` is returned where there
+    are too few pieces.
     """
     total = expected = 0.0
     for view in found:
         if len(view.pieces) > 1 and np.all(np.isfinite(view.pieces)):
-            total += kernels.scatter(view.pieces, view.sigma)
+            H, g = unpack(view.pieces)
+            inverse = scaled_inverse(H.sum(axis=0))
+            g = g - H @ (inverse @ g.sum(axis=0))
+            total += float(np.sum((g @ inverse) * g)) / view.sigma**2
             expected += NUM_COLUMNS * (1.0 - 1.0 / len(view.pieces))
     return max(1.0, total / expected) if expected else otherwise
 
 
-def classify(
-    found: Sequence[ViewComparison],
-    descent: Descent,
-    iterations: int,
-    overlap: float,
-    params: RegistrationParams,
-    known: Array,
-) -> Alignment:
+def unpack(pieces: Array) -> tuple[Array, Array]:
+    """Return H (P, 8, 8) and g (P, 8) of sums (P, NUM_SUMS), over (v, omega) of the reference, gain and bias."""
+    products = np.zeros((len(pieces), NUM_COLUMNS + 1, NUM_COLUMNS + 1))
+    rows, columns = np.triu_indices(NUM_COLUMNS + 1)
+    products[:, rows, columns] = products[:, columns, rows] = pieces[:, : len(rows)]
+    return products[:, :-1, :-1], products[:, :-1, -1]
+
+
+def classify(descent: Descent, iterations: int, overlap: float, params: RegistrationParams, known: Array) -> Alignment:
     """Say what was found by the comparison of all views, after so many iterations in all.
 
     `known` (6, 6) is the information on the pose that does not come from the images.
     """
-    state = descent.state
+    state, found = descent.state, descent.found
     num_pixels = sum(view.num_visible for view in found)
     nothing = Alignment(
         T_world_camera=state.T_world_body.orthonormal(),  # the first guess was a product of many
@@ -119,9 +124,9 @@ def classify(
 def normal_matrix(found: Sequence[ViewComparison]) -> Array:
     """Return H over (xi, gain 1, bias 1, ...) of the compared views together (M15 eq. 19, 31)."""
     n = 6 + 2 * len(found)
-    H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
+    H, g = np.zeros((n, n)), np.zeros(n)
     for index, view in enumerate(found):
-        kernels.unpack_sums(view.pieces.sum(axis=0), h, q)
+        h, q = (one.sum(axis=0) for one in unpack(view.pieces))
         kernels.to_body_tangent(view.T_body_reference, h, q)
         kernels.join_view(index, h, q, view.sigma, H, g)
     return H
@@ -145,7 +150,7 @@ def _correlation(found: Sequence[ViewComparison], state: AlignmentState) -> floa
     for view, gain in zip(found, state.light[:, 0].tolist(), strict=True):
         if not view.num_visible:
             continue
-        reference, current, product, square_reference, square_current = view.correlation.tolist()
+        reference, current, product, square_reference, square_current = view.correlation
         mean, weight = current / view.num_visible, 1.0 / view.sigma**2
         covariance += weight * gain * (product - reference * mean)
         variance_reference += weight * (square_reference - reference**2 / view.num_visible)

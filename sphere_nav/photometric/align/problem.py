@@ -47,15 +47,14 @@ class AlignmentState:
 class Descent:
     """Where one level ended; `motion` is the last increment in pixels of the level.
 
-    `found`: the comparison of every view just before that increment, where it was below `min_step`, the gradients of
-    the pieces those after it; else empty.
+    `found`: the comparison of every view just before that increment.
     """
 
     state: AlignmentState
     iterations: int
     motion: float
     is_determined: bool  # the image fixed every increment
-    found: tuple[ViewComparison, ...] = ()
+    found: Sequence[ViewComparison]
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class ViewComparison:
     sigma: float
     num_visible: int
     num_inliers: int
-    correlation: Array
+    correlation: tuple[float, ...]
     pieces: Array
 
 
@@ -131,40 +130,23 @@ class Problem:
         )
         pose = np.concatenate([T_world_body, [[0.0, 0.0, 0.0, 1.0]]])
         last = AlignmentState(SE3(pose), light)
-        is_still = is_determined and iterations > 0 and motion < params.min_step
-        found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
-        return Descent(last, iterations, motion, is_determined, found)
+        return Descent(last, iterations, motion, is_determined, self._comparisons(last, facts, pieces))
 
-    def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
-        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
-        T_world_body = np.ascontiguousarray(state.T_world_body.matrix[:3])
-        H, g, visible = kernels.linearize(self._views, T_world_body, state.light, ROBUST, *self._room())
-        return H, g, int(visible)
-
-    def compare(self, state: AlignmentState) -> list[ViewComparison]:
-        """Compare the images with every view at a state, each pixel once more."""
+    def compare(self, state: AlignmentState) -> tuple[Array, Array, list[ViewComparison]]:
+        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g at a state (eq. 6, 31-35), and all views there."""
         facts, pieces = self._room()
-        for index, (one, T_body_reference) in enumerate(zip(self.views, self._from_body(state), strict=True)):
-            T = kernels.compose(one.T_camera_body, T_body_reference)
-            image, light = (one.kernel_camera, one.level.samples), state.light[index].tolist()
-            kernels.examine(one.selection.blocks, T, *image, *light, *ROBUST, facts[index], pieces[index])
-        return self._comparisons(state, facts, pieces)
+        H, g, _ = kernels.linearize(self._views, rows_of(state.T_world_body), state.light, ROBUST, facts, pieces)
+        return H, g, self._comparisons(state, facts, pieces)
 
     def _comparisons(self, state: AlignmentState, facts: Array, pieces: Array) -> list[ViewComparison]:
         """Return what `examine` has written of every view."""
-        found = []
-        for index, T_body_reference in enumerate(self._from_body(state)):
-            median, mad, num_visible, num_inliers, num_pieces, *_ = facts[index].tolist()
-            sigma = max(SIGMA_OF_MAD * mad, MIN_SIGMA)
-            sums = facts[index, kernels.SUM_REFERENCE :], pieces[index, : int(num_pieces)]
-            counts = int(num_visible), int(num_inliers)
-            found.append(ViewComparison(T_body_reference, median, mad, sigma, *counts, *sums))
+        found, T_body_world = [], state.T_world_body.inverse()
+        for one, own, sums in zip(self.views, facts, pieces, strict=True):
+            median, mad, num_visible, num_inliers, num_pieces, *correlation = own.tolist()
+            where, sigma = rows_of(T_body_world @ one.T_world_reference), max(SIGMA_OF_MAD * mad, MIN_SIGMA)
+            counts, parts = (int(num_visible), int(num_inliers)), sums[: int(num_pieces)]
+            found.append(ViewComparison(where, median, mad, sigma, *counts, tuple(correlation), parts))
         return found
-
-    def _from_body(self, state: AlignmentState) -> list[Array]:
-        """Return where the references of the views are from the body, (3, 4) each."""
-        T_body_world = state.T_world_body.inverse()
-        return [rows_of(T_body_world @ one.T_world_reference) for one in self.views]
 
     @property
     def _views(self) -> tuple[Any, ...]:

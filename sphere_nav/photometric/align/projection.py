@@ -1,4 +1,4 @@
-"""Cameras as kernels take them, and the cone of directions that each sees."""
+"""Cameras and pixels as kernels take them, and the cone of directions that each sees."""
 
 from __future__ import annotations
 
@@ -53,6 +53,14 @@ def view_cone(camera: Camera) -> Floats:
         return EVERYWHERE
     angle = np.arccos(np.clip(np.min(rays @ (axis / length)), -1.0, 1.0)) + CONE_MARGIN
     return np.array([*(axis / length), min(angle, np.pi)], np.float32)
+
+
+def in_blocks(pixels: Floats) -> Floats:
+    """Return blocks of pixels (7, N), point, grey level and gradient, filled up with points that no camera sees."""
+    rows, number = pixels.shape
+    blocks = np.zeros((rows, -(-number // kernels.SIDE) * kernels.SIDE), np.float32)
+    blocks[:, :number], blocks[:3, number:] = pixels, np.nan
+    return np.ascontiguousarray(blocks.reshape(rows, -1, kernels.SIDE).swapaxes(0, 1)).reshape(-1)
 
 
 def kernel_motion(matrix: NDArray[np.float64]) -> Floats:

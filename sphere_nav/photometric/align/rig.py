@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, FrameMotion
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.photometric.align.projection import kernel_motion
+from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.constants import OVERLAP_CELL
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.kernels import cover
@@ -59,14 +59,13 @@ def share_pixels(params: RegistrationParams, number: int) -> RegistrationParams:
     return replace(params, max_pixels=max(params.max_pixels // number, 1))
 
 
-def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) -> float:
-    """Return the share (0..1) of the image, in cells of the coarsest level, where some reference has range."""
-    level = pyramid.levels[-1]
-    camera = level.camera
+def image_overlap(cameras: Sequence[Camera], views: Sequence[View], T_world_camera: SE3) -> float:
+    """Return the share (0..1) of an image where some reference has range, in cells of the coarsest of its levels."""
+    camera = cameras[-1]
     cells = _cells_with_rays(camera)
     covered = np.zeros_like(cells)
     T_camera_world = T_world_camera.inverse()
-    image = (level.kernel_camera, camera.width, camera.height, OVERLAP_CELL, covered)
+    image = (kernel_camera(camera), camera.width, camera.height, OVERLAP_CELL, covered)
     for view in views:
         pixels = view.reference.level_like(camera)
         T_camera_reference = T_camera_world @ view.T_world_reference

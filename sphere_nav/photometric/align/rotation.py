@@ -1,4 +1,4 @@
-"""Rotation between two images of one camera, from the coarsest level alone (M15 section 5.2, eq. 20)."""
+"""Rotation between two images of one camera, from the coarsest level alone (M15 section 5.2, eq. 20); likeness."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
-from sphere_nav.photometric.align.problem import AlignmentState, Problem
+from sphere_nav.photometric.align.problem import ROBUST, AlignmentState, Problem, rows_of
+from sphere_nav.photometric.align.projection import in_blocks
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import MIN_VIEW_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Pyramid
+from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
 
 
@@ -40,32 +41,28 @@ def correlation_after_turn(now: Pyramid, before: Pyramid, R_before_now: Array) -
 
     A few hundred pixels of the coarsest level are compared: a tenth of the time that `register_rotation` takes.
     """
-    level, earlier = now.levels[-1], before.levels[-1]
-    (rows, columns), rays = _sample(earlier.camera)
-    blocks = rays.copy()
-    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GRAY // SIDE] = earlier.image[rows, columns + earlier.pad]
+    earlier = before.levels[-1]
+    (column, row), rays = _sample(earlier.camera)
+    pixels = np.zeros((BLOCK // SIDE, len(row)), np.float32)
+    pixels[:3], pixels[GRAY // SIDE] = rays, earlier.image[row, column + earlier.pad]
+    found, number = correlate(in_blocks(pixels), SE3.from_parts(R_before_now.T, np.zeros(3)), now.levels[-1])
+    return found if number >= MIN_VIEW_PIXELS else None
+
+
+def correlate(blocks: Floats, T_camera_reference: SE3, level: Level) -> tuple[float, int]:
+    """Return the correlation -1...1 of pixels with an image from a pose, and of how many; of 0 where nothing varies."""
     facts, pieces = np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
-    T = np.zeros((3, 4))
-    T[:, :3] = R_before_now.T
-    camera, image = level.kernel_camera, level.samples
-    kernels.examine(blocks, T, camera, image, 1.0, 0.0, 1.0, 1.0, facts, pieces)  # of all pixels alike
-    number = facts[kernels.NUM_VISIBLE]
-    if number < MIN_VIEW_PIXELS:
-        return None
+    image = level.kernel_camera, level.samples
+    kernels.examine(blocks, rows_of(T_camera_reference), *image, 1.0, 0.0, *ROBUST, facts, pieces)
+    number = max(int(facts[kernels.NUM_VISIBLE]), 1)
     reference, current, product, square_reference, square_current = facts[kernels.SUM_REFERENCE :].tolist()
     norm = (square_reference - reference**2 / number) * (square_current - current**2 / number)
-    return float((product - reference * current / number) / norm**0.5) if norm > 0.0 else None
+    return ((product - reference * current / number) / norm**0.5, number) if norm > 0.0 else (0.0, 0)
 
 
 @lru_cache(maxsize=16)
-def _sample(camera: Camera) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """Return rows and columns (B, SIDE) of pixels of a camera, and blocks (B * BLOCK,) with their rays; NaN: none."""
+def _sample(camera: Camera) -> tuple[NDArray[np.int64], Floats]:
+    """Return columns and rows (2, N) of pixels of a camera, and their rays (3, N)."""
     step = max(1, int(np.sqrt(camera.width * camera.height / TURN_PIXELS)))
     grid = pixel_grid(camera)[step // 2 :: step, step // 2 :: step].reshape(-1, 2)
-    number = -(-len(grid) // SIDE)
-    pixels, rays = np.zeros((number * SIDE, 2), np.int64), np.full((number * SIDE, 3), np.nan, np.float32)
-    pixels[: len(grid)], rays[: len(grid)] = grid, camera.unproject(grid)
-    blocks = np.zeros((number, BLOCK // SIDE, SIDE), np.float32)
-    blocks[:, :3] = rays.reshape(number, SIDE, 3).swapaxes(1, 2)
-    columns, rows = pixels.T.reshape(2, number, SIDE)
-    return (rows, columns), blocks.reshape(-1)
+    return grid.T.astype(np.int64), camera.unproject(grid).T.astype(np.float32)

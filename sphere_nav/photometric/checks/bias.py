@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.constants import MIN_SIGMA, NUM_REWEIGHTINGS
-from sphere_nav.photometric.pixels.samples import CameraSamples
+from sphere_nav.photometric.pixels.samples import Sample
 
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 
@@ -33,21 +32,15 @@ class PoseBias:
 NO_BIAS = PoseBias()
 
 
-def linearize_samples(cameras: CameraSamples) -> LeastSquares | None:
+def linearize_samples(sample: Sample) -> LeastSquares:
     """Return the derivative (N, 6 + 2 * views) of the residuals (N,), and the view (N,) of each.
 
     Columns of a view: gain, bias.
     """
-    if not any(len(sample) for _, sample in cameras):
-        return None
-    pixels = [sample for _, sample in cameras]
-    by_pose = np.concatenate([sample.by_pose @ place.inverse().adjoint() for place, sample in cameras])
-    current, residual = (np.concatenate([getattr(one, name) for one in pixels]) for name in ("current", "residual"))
-    views = np.concatenate([MAX_VIEWS * index + one.view for index, one in enumerate(pixels)])
-    names, owner = np.unique(views, return_inverse=True)
+    names, owner = np.unique(sample.view, return_inverse=True)
     J, rows, gain = np.zeros((len(owner), 6 + 2 * len(names))), np.arange(len(owner)), 6 + 2 * owner
-    J[:, :6], J[rows, gain], J[rows, gain + 1] = by_pose, current, 1.0
-    return J, residual, owner
+    J[:, :6], J[rows, gain], J[rows, gain + 1] = sample.by_pose, sample.current, 1.0
+    return J, sample.residual, owner
 
 
 def solve_robustly(J: Array, residual: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -12,6 +12,7 @@ aligned anew, and so on until little is left. What an image tells then counts if
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -41,7 +42,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.pixels.pyramid import magnify
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, sample_images
+from sphere_nav.photometric.pixels.samples import Sample, cell_of, sample_images, sum_by_cell
 
 Steps = Mapping[str, int]  # by which the lens of each camera is longer
 NO_STEPS: Steps = MappingProxyType({})
@@ -108,32 +109,24 @@ def measure_stretches(
     motion: FrameMotion | None = None,
 ) -> tuple[list[Stretch], float]:
     """Return the stretch of each camera, to first order, and the misfit, of images that have been aligned."""
-    sampled = sample_images(images, alignment.T_world_camera, alignment.light, params, motion)
-    seen = [(one.mount, sample) for one, sample in sampled]
+    sample = sample_images(images, alignment.T_world_camera, alignment.light, params, motion)
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
-    return solve_stretches(seen, lenses)
+    return solve_stretches(sample, lenses)
 
 
-def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> tuple[list[Stretch], float]:
-    """Return the stretch of the cameras that have a lens, named by their place, and the misfit of all.
+def solve_stretches(sample: Sample, lenses: Mapping[int, str]) -> tuple[list[Stretch], float]:
+    """Return the stretch of the cameras that have a lens, named by their image, and the misfit of all.
 
     None and Inf where too few cells are seen. The misfit is the standard deviation of the residuals (M15 eq. 33), less
     what the light of their cells explains.
     """
-    column, parts = {k: 6 + number for number, k in enumerate(lenses)}, []
-    for k, (place, every) in enumerate(cameras):
-        turn = place.inverse().adjoint()
-        for view in np.unique(every.view):
-            sample = every.where(every.view == view)
-            J = np.zeros((len(sample), 6 + len(lenses)))
-            J[:, :6] = sample.by_pose @ turn
-            if k in column:
-                J[:, column[k]] = sample.by_stretch
-            parts.append(_without_light(sample, J))
-    if not parts:
+    if not len(sample):
         return [], np.inf
-    J, residual = (np.concatenate([part[which] for part in parts]) for which in (0, 1))
-    cells = np.concatenate([index * CELLS[0] * CELLS[1] + part[2] for index, part in enumerate(parts)])
+    J = np.zeros((len(sample), 6 + len(lenses)))
+    J[:, :6] = sample.by_pose
+    for own, k in enumerate(lenses, 6):
+        J[:, own] = np.where(sample.image == k, sample.by_stretch, 0.0)
+    J, residual, cells = _without_light(sample, J)
     if len(np.unique(cells)) < MIN_LENS_CELLS:
         return [], np.inf
     x = np.zeros(J.shape[1])
@@ -144,31 +137,21 @@ def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str]) -> tuple[
     gradients = (weight * (residual + J @ x))[:, None] * J
     sigma = np.sqrt(np.diagonal(clustered_covariance(inverse, gradients, cells, len(x))))
     by_share = inverse[:6, 6:] @ np.linalg.inv(inverse[6:, 6:])
-    found = [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - 6]) for k, own in column.items()]
-    return found, weigh(residual, 0.0)[1]
+    told = zip(lenses.values(), x[6:].tolist(), sigma[6:].tolist(), by_share.T, strict=True)
+    return [Stretch(*one) for one in told], weigh(residual, 0.0)[1]
 
 
 def _without_light(sample: Sample, J: Array) -> LeastSquares:
     """Return derivatives and residuals of the pixels without what the light of their cells explains, and the cells.
 
-    That is a gain, a bias and its slopes, in each cell on its own.
+    That is a gain, a bias and its slopes, in each cell of each view on its own.
     """
-    place = (sample.at + 1.0) / 2.0 * CELLS
-    corner = np.clip(place.astype(np.int64), 0, np.array(CELLS) - 1)
-    number = corner[:, 0] * CELLS[1] + corner[:, 1]
-    kept = (np.bincount(number, minlength=CELLS[0] * CELLS[1]) >= MIN_CELL_PIXELS)[number]
-    order = np.flatnonzero(kept)[np.argsort(number[kept], kind="stable")]
-    rows = np.column_stack([J, sample.residual])[order]
-    if not len(order):
-        return rows[:, :-1], rows[:, -1], number[order]
-    weight, _ = weigh(sample.residual, MIN_SIGMA)
-    light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(number)), place - corner - 0.5])[order]
-    number, weighted = number[order], weight[order, None] * light
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    size = np.diff([*first, len(number)])
-    A = np.add.reduceat(weighted[:, :, None] * light[:, None, :], first)
-    b = np.add.reduceat(weighted[:, :, None] * rows[:, None, :], first)
+    number = sample.view * math.prod(CELLS) + cell_of(sample, CELLS)
+    kept = (np.bincount(number) >= MIN_CELL_PIXELS)[number]
+    (_, number), (weight, _) = np.unique(number[kept], return_inverse=True), weigh(sample.residual, MIN_SIGMA)
+    light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(kept)), 0.5 * sample.at * CELLS])[kept]
+    rows, weighted = np.column_stack([J, sample.residual])[kept], weight[kept, None] * light
+    A, b = (sum_by_cell(number, weighted[:, :, None] * one[:, None]) for one in (light, rows))
     floor = LIGHT_FLOOR * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(light.shape[1])
-    explained = np.repeat(np.linalg.solve(A + floor, b), size, axis=0)
-    rows = rows - np.einsum("nl,nlk->nk", light, explained)
+    rows = rows - np.einsum("nl,nlk->nk", light, np.linalg.solve(A + floor, b)[number])
     return rows[:, :-1], rows[:, -1], number

@@ -10,7 +10,6 @@ The pose by the agreeing cells alone, found by a few steps, says how far the occ
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -30,70 +29,51 @@ from sphere_nav.photometric.constants import (
     MIN_VISIBLE_SHARE,
     OCCLUSION_SHARE,
 )
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cell_of, cosines_by_cell
+from sphere_nav.photometric.pixels.samples import Sample, Sampler, cell_of, cosines_by_cell
 
 
-def find_occlusion_bias(sampler: Sampler, cameras: CameraSamples, T_world_body: SE3) -> PoseBias:
+def find_occlusion_bias(sampler: Sampler, sample: Sample, T_world_body: SE3) -> PoseBias:
     """Return the bias at an aligned pose; where a part is occluded, sample pixels anew on the way to the one without.
 
     The share is that of the texture, of the references or of the image, in cells that do not agree: a pale wall has
-    none to lose.
+    none to lose. Gradients are those of the reference: of the image the gain is biased, too.
     """
-    share, kept = keep_agreeing(cameras)
+    share, kept = keep_agreeing(sample)
     T_bias = SE3.identity()
     for _ in range(BIAS_STEPS if share >= OCCLUSION_SHARE else 0):
-        problem = (
-            linearize_samples(_by_reference(kept)) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
-        )
-        if problem is None:
+        if len(kept) <= MIN_VISIBLE_SHARE * len(sample):
             break
-        step = solve_robustly(*problem)[0][:6]
+        step = solve_robustly(*linearize_samples(replace(kept, of_image=kept.of_reference)))[0][:6]
         T_bias = T_bias @ SE3.exp(step)
         if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break
-        cameras = sampler(T_world_body @ T_bias)
-        _, kept = keep_agreeing(cameras)
+        sample = sampler(T_world_body @ T_bias)
+        _, kept = keep_agreeing(sample)
     return PoseBias(share, T_bias.log())
 
 
-def _by_reference(cameras: CameraSamples) -> CameraSamples:
-    """Return the pixels with the gradients of the reference for those of the image, whose gain is biased, too."""
-    return [(place, replace(one, of_image=one.of_reference)) for place, one in cameras]
-
-
-def _number(cameras: CameraSamples) -> int:
-    """Return how many pixels there are."""
-    return sum(len(sample) for _, sample in cameras)
-
-
-def keep_agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
+def keep_agreeing(sample: Sample) -> tuple[float, Sample]:
     """Return the share 0..1 of the texture in cells that do not agree, and the pixels of the others."""
-    kept: list[tuple[SE3, Sample]] = []
-    strength = np.zeros((2, 2))  # of references and image: all of it, what agrees
-    for place, sample in cameras:
-        part = sample.where(_cells_that_agree(sample)[cell_of(sample, CELLS)])
-        strength += [_strength(sample), _strength(part)]
-        kept.append((place, part.of_views(MIN_VIEW_PIXELS)))
-    return float(np.max(1.0 - strength[1] / np.maximum(strength[0], TINY))), kept
+    part = sample.where(_cells_that_agree(sample)[cell_of(sample, CELLS)])
+    share = np.max(1.0 - _strength(part) / np.maximum(_strength(sample), TINY))
+    return float(share), part.of_views(MIN_VIEW_PIXELS)
 
 
 def _strength(sample: Sample) -> Array:
     """Return the sums of squared gradients by the angle, (2,): of the reference, of the image."""
-    square = np.einsum("ni,ni->n", sample.points, sample.points)
     gradients = sample.of_reference, sample.of_image
-    return np.array([float(square @ np.einsum("ni,ni->n", rows, rows)) for rows in gradients])
+    return np.array([float(sample.range_m**2 @ np.einsum("ni,ni->n", rows, rows)) for rows in gradients])
 
 
 def _cells_that_agree(sample: Sample) -> NDArray[np.bool_]:
-    """Return for each cell of an image whether it shows what the references do; true where that is not sure."""
+    """Return for each cell whether it shows what the references do; true where that is not sure."""
     found = cosines_by_cell(sample, CELLS, MIN_CELL_PIXELS)
     scatter = (found.weight * (found.cosine - found.mean[found.cell])) ** 2
-    variance = np.bincount(found.cell, scatter, math.prod(CELLS)) / np.maximum(found.total, TINY) ** 2
+    variance = np.bincount(found.cell, scatter, len(found.total)) / np.maximum(found.total, TINY) ** 2
     return ~found.known | (found.mean + CELL_SIGMAS * np.sqrt(variance) >= MIN_COSINE_RATIO * found.typical)
 
 
-def _motion(cameras: CameraSamples, step: Array) -> float:
+def _motion(sample: Sample, step: Array) -> float:
     """Return the median angle by which a step moves points, seen from the body."""
-    points = np.concatenate([place.apply(sample.points) for place, sample in cameras])
-    motion = step[:3] + np.cross(step[3:], points)
-    return float(np.median(np.linalg.norm(motion, axis=1) / np.linalg.norm(points, axis=1)))
+    motion = step[:3] + np.cross(step[3:], sample.points)
+    return float(np.median(np.linalg.norm(motion, axis=1) / np.linalg.norm(sample.points, axis=1)))

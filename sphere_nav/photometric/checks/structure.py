@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Flag, auto
 
-import numpy as np
-
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY
 from sphere_nav.photometric.align.judgement import Alignment
@@ -22,8 +20,8 @@ from sphere_nav.photometric.checks.occlusion import find_occlusion_bias
 from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.parts.votes import finest_levels, vote
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, cosines, sample_images
+from sphere_nav.photometric.parts.votes import Votes, vote
+from sphere_nav.photometric.pixels.samples import Sample, cosines, sample_images
 
 
 class Aspect(Flag):
@@ -67,25 +65,26 @@ def find_rig_structure(
     Of too few pixels it says nothing. A pose that was predicted is one more that parts of the view may support.
     """
 
-    def sample_at(T_world_body: SE3) -> CameraSamples:
-        there = sample_images(images, T_world_body, alignment.light, params, motion)
-        return [(one.mount, sample.of_views(MIN_SAMPLES)) for one, sample in there]
+    def sample_at(T_world_body: SE3) -> Sample:
+        return sample_images(images, T_world_body, alignment.light, params, motion).of_views(MIN_SAMPLES)
 
-    levels, pose = finest_levels(images, params), alignment.T_world_camera
-    cameras = sample_at(pose)
-    is_asked = Aspect.FIT in aspects
-    found = Structure(float(np.mean([_agreement(sample) for _, sample in cameras]))) if is_asked else Structure()
+    def vote_at(T_world_body: SE3) -> Votes:
+        return vote(images, params, sample_at(T_world_body))
+
+    pose = alignment.T_world_camera
+    sample, is_asked = sample_at(pose), Aspect.FIT in aspects
+    found = Structure(_agreement(sample)) if is_asked else Structure()
     if is_asked and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
-        support = find_support(levels, sample_at, pose, T_predicted)
+        support = find_support(vote_at, pose, T_predicted)
         found = replace(found, support=support, chance=support.chance)
     elif Aspect.PLACE in aspects:
-        found = replace(found, chance=vote(levels, cameras).chance)
+        found = replace(found, chance=vote(images, params, sample).chance)
     if found.support.is_proven or Aspect.OCCLUSION not in aspects:
         return found
-    return replace(found, occlusion=find_occlusion_bias(sample_at, cameras, pose))
+    return replace(found, occlusion=find_occlusion_bias(sample_at, sample, pose))
 
 
 def _agreement(sample: Sample) -> float:
     """Return the mean cosine between the gradients, each pixel by how strong it is in the reference."""
     cosine, weight = cosines(sample)
-    return float(weight @ cosine) / max(float(np.sum(weight)), TINY)
+    return float(weight @ cosine) / max(float(weight.sum()), TINY)

@@ -9,7 +9,7 @@ holds the pose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,9 +28,9 @@ from sphere_nav.photometric.constants import (
     NUM_TRIED_MOTIONS,
 )
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import vote
-from sphere_nav.photometric.pixels.pyramid import Level
-from sphere_nav.photometric.pixels.samples import Sampler
+from sphere_nav.photometric.parts.votes import Votes
+
+Voter = Callable[[SE3], Votes]  # asks the cells at a T_world_body
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,51 +55,49 @@ class Support:
 NO_SUPPORT = Support()
 
 
-def find_support(
-    levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, T_predicted: SE3 | None = None
-) -> Support:
+def find_support(vote: Voter, T_world_body: SE3, T_predicted: SE3 | None = None) -> Support:
     """Return the support of an aligned pose; where it is not proven, that of a predicted one, which may be.
 
     What has changed can draw the alignment away from a prediction that was good, at coarse levels most of all: the
     prediction is asked as it is, and moved as most cells are shifted. It needs a smaller chance, as the alignment
     speaks against it. Either way the pose is the one that the agreeing cells find from there.
     """
-    aligned = _follow(levels, sampler, T_world_body)
+    aligned = _follow(vote, T_world_body)
     if aligned.is_proven or T_predicted is None:
         return aligned
-    for start, num_tries in _predictions(levels, sampler, T_predicted):
-        found = _follow(levels, sampler, start)
+    for start, num_tries in _predictions(vote, T_predicted):
+        found = _follow(vote, start)
         if found.chance * num_tries <= MAX_PREDICTED_CHANCE:
             return replace(found, xi=(T_world_body.inverse() @ start @ SE3.exp(found.xi)).log())
     return aligned
 
 
-def _predictions(levels: Sequence[Level], sampler: Sampler, T_predicted: SE3) -> Iterator[tuple[SE3, int]]:
+def _predictions(vote: Voter, T_predicted: SE3) -> Iterator[tuple[SE3, int]]:
     """Yield poses from a prediction: as it is, as most cells are shifted.
 
     With each, how many motions were tried to find it.
     """
     yield T_predicted, 1
-    xi = fit_motion(vote(levels, sampler(T_predicted)).shifts)
+    xi = fit_motion(vote(T_predicted).shifts)
     if xi is not None:
         yield T_predicted @ SE3.exp(xi), NUM_TRIED_MOTIONS
 
 
-def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3) -> Support:
+def _follow(vote: Voter, T_world_body: SE3) -> Support:
     """Return the support of the pose that the agreeing cells find; pixels are sampled anew after each step."""
-    T_step, votes, covariance = SE3.identity(), vote(levels, sampler(T_world_body)), NO_SUPPORT.covariance
+    T_step, votes, covariance = SE3.identity(), vote(T_world_body), NO_SUPPORT.covariance
     for _ in range(BIAS_STEPS):
-        problem = linearize_samples(votes.kept) if votes.chance <= MAX_CHANCE else None
-        if problem is None:
+        if votes.chance > MAX_CHANCE:
             break
-        step, remaining, weight = solve_robustly(*problem)
-        J = problem[0]
+        J, residual, owner = linearize_samples(votes.kept)
+        step, remaining, weight = solve_robustly(J, residual, owner)
         inverse, gradients = scaled_inverse((weight[:, None] * J).T @ J), (weight * remaining)[:, None] * J
         covariance = clustered_covariance(inverse, gradients, votes.owner, J.shape[1])[:6, :6]
         if step[:6] @ scaled_inverse(covariance) @ step[:6] < gate(6, 0.05):  # it says nothing
             break
         T_step = T_step @ SE3.exp(step[:6])
-        votes = vote(levels, sampler(T_world_body @ T_step))
+        votes = vote(T_world_body @ T_step)
     if votes.chance <= MAX_CHANCE:  # few cells hold a pose no better than they are matched, however alike they pull
         covariance = covariance + motion_covariance(votes.shifts)
-    return Support(votes.num_cells, votes.num_agreeing, votes.chance, T_step.log(), covariance)
+    cells = int(votes.is_known.sum()), int(votes.agrees.sum())
+    return Support(*cells, votes.chance, T_step.log(), covariance)

@@ -24,7 +24,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import Votes, finest_levels, vote
+from sphere_nav.photometric.parts.votes import Votes, vote
 from sphere_nav.photometric.pixels.samples import sample_images
 
 
@@ -86,5 +86,4 @@ def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> li
 def _vote(images: Sequence[RigImage], params: RegistrationParams, T_world_body: SE3) -> Votes:
     """Return how the cells of images agree at a pose; light is not asked."""
     light = np.tile([1.0, 0.0], (sum(len(image.views) for image in images), 1))
-    sampled = sample_images(images, T_world_body, light, params)
-    return vote(finest_levels(images, params), [(one.mount, own.of_views(MIN_PART_SAMPLES)) for one, own in sampled])
+    return vote(images, params, sample_images(images, T_world_body, light, params).of_views(MIN_PART_SAMPLES))

@@ -31,8 +31,7 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts import kernels
-from sphere_nav.photometric.pixels.pyramid import Level
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
+from sphere_nav.photometric.pixels.samples import Sample, cell_of, sum_by_cell
 
 COLUMNS, ROWS = PARTS
 P_NEAR = float((2 * NEAR_SHIFT + 1) ** 2 / (2 * REACH + 1) ** 2)  # that the best of all shifts is none, by chance
@@ -51,95 +50,74 @@ class Shifts(NamedTuple):
         return len(self.shift)
 
 
-class _Looked(NamedTuple):
-    """Which cells have pixels enough, the shift (cells, 2) px at which each agrees best, the cell of each pixel.
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """What the cells of all images say, by pixels (N,) each in a cell (N,): image by image, row by row.
 
-    by_point (N, 2, 3): where each pixel falls, by its point.
+    Which cells have pixels enough, and the shift (cells, 2) px at which each agrees best.
     """
 
+    sample: Sample
+    cell: NDArray[np.int64]
     is_known: NDArray[np.bool_]
     shift: Array
-    cell: NDArray[np.int64]
-    by_point: Array
 
-    @property
+    @cached_property
     def agrees(self) -> NDArray[np.bool_]:
         """Which cells agree where they are."""
         return np.asarray(self.is_known & (np.abs(np.rint(self.shift)).max(axis=1) <= NEAR_SHIFT))
 
-
-@dataclass(frozen=True, eq=False)
-class Votes:
-    """How many cells of all images there are, how many agree, and the looks at pixels of cameras that tell it."""
-
-    num_cells: int
-    num_agreeing: int
-    looks: Sequence[_Looked] = ()
-    cameras: CameraSamples = ()
-
-    @cached_property
-    def kept(self) -> CameraSamples:
+    @property
+    def kept(self) -> Sample:
         """The pixels in cells that agree."""
-        pairs = zip(self.looks, self.cameras, strict=True)
-        return [(place, one.where(found.agrees[found.cell])) for found, (place, one) in pairs]
+        return self.sample.where(self.agrees[self.cell])
 
-    @cached_property
+    @property
     def owner(self) -> NDArray[np.int64]:
-        """The cell of each pixel of `kept`, in the order of the images."""
-        return np.concatenate([k * COLUMNS * ROWS + one.cell[one.agrees[one.cell]] for k, one in enumerate(self.looks)])
+        """The cell of each pixel of `kept`."""
+        return self.cell[self.agrees[self.cell]]
 
-    @cached_property
+    @property
     def shifts(self) -> Shifts:
-        """How far the cells of all images are shifted, by what was looked at for the votes."""
-        shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
-        for found, (place, sample) in zip(self.looks, self.cameras, strict=True):
-            J = np.concatenate([-found.by_point, found.by_point @ hat(sample.points)], axis=-1)  # of exp(-xi) p
-            mean = np.zeros((COLUMNS * ROWS, 2, 6))
-            np.add.at(mean, found.cell, np.nan_to_num(J))
-            mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
-            shifts.append(found.shift[found.is_known])
-            by_pose.append((mean @ place.inverse().adjoint())[found.is_known])
-        return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
+        """How far the cells are shifted."""
+        by_point = self.sample.by_point
+        J = np.concatenate([-by_point, by_point @ hat(self.sample.points)], axis=-1)  # of exp(-xi) p
+        number = np.maximum(np.bincount(self.cell, minlength=len(self.shift)), 1)
+        mean = sum_by_cell(self.cell, J, len(self.shift)) / number[:, None, None]
+        return Shifts(self.shift[self.is_known], mean[self.is_known])
 
     @property
     def chance(self) -> float:
         """The probability that as many agree in a wrong place."""
-        from scipy.special import bdtrc  # what only reads bags does without it
-
-        number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
-        return float(bdtrc(agreeing - 1, number, P_NEAR)) if agreeing > 0 else 1.0
+        return chance_of(int(self.is_known.sum()), int(self.agrees.sum()))
 
 
-def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:
-    """Return the level of each image that pixels are sampled of."""
-    return [image.level(params.pyramid.finest) for image in images]
+def chance_of(num_cells: int, num_agreeing: int) -> float:
+    """Return the probability that so many cells, or more, agree in a wrong place."""
+    from scipy.special import bdtrc  # what only reads bags does without it
+
+    number, agreeing = num_cells - FITTED_CELLS, num_agreeing - FITTED_CELLS
+    return float(bdtrc(agreeing - 1, number, P_NEAR)) if agreeing > 0 else 1.0
 
 
-def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
-    """Return which cells of each image agree, where its pixels are."""
-    looks = [_look(level, sample) for level, (_, sample) in zip(levels, cameras, strict=True)]
-    num_cells = sum(int(found.is_known.sum()) for found in looks)
-    num_agreeing = sum(int(found.agrees.sum()) for found in looks)
-    return Votes(num_cells, num_agreeing, looks, cameras)
-
-
-def _look(level: Level, sample: Sample) -> _Looked:
-    """Return what the cells of an image say, by the pixels of all its views."""
-    camera, number, margin = level.camera, COLUMNS * ROWS, REACH + 1
-    scores = np.zeros((number, 2 * REACH + 1, 2 * REACH + 1))
-    place, by_point = np.nan_to_num(camera.project(sample.points)[0]), camera.J_project(sample.points)
-    gradient = _by_pixel(by_point, sample.of_reference)
-    column, row = np.rint(place).astype(np.int32).T
-    cell = (row * ROWS // camera.height * COLUMNS + column * COLUMNS // camera.width).clip(0, number - 1)
-    inside = (column >= margin) & (column < camera.width - margin) & (row >= margin) & (row < camera.height - margin)
+def vote(images: Sequence[RigImage], params: RegistrationParams, sample: Sample) -> Votes:
+    """Return which cells of images agree, where the pixels of all their views are."""
+    number, margin, cell = len(images) * COLUMNS * ROWS, REACH + 1, cell_of(sample, PARTS)
+    scores, count = np.zeros((number, 2 * REACH + 1, 2 * REACH + 1)), np.zeros(number, np.int64)
+    gradient = _by_pixel(sample.by_point, sample.of_reference)
     strength = np.linalg.norm(gradient, axis=1)
     direction = (gradient / np.maximum(strength, TINY)[:, None]).astype(np.float32)
     limit = np.quantile(strength, STRENGTH_QUANTILE) if len(strength) else 0.0
     weight = np.minimum(strength, limit).astype(np.float32)
-    pixels = column[inside] + np.int32(level.pad), row[inside], direction[inside], weight[inside]
-    kernels.score_shifts(level.image, *pixels, cell[inside], REACH, scores)
-    is_known = np.bincount(cell[inside], minlength=number) >= MIN_PART_PIXELS
-    return _Looked(is_known, _best_shifts(scores), cell.astype(np.int64), by_point)
+    for index, image in enumerate(images):
+        level = image.level(params.pyramid.finest)
+        size = np.array([level.camera.width, level.camera.height])
+        place = np.rint(0.5 * (sample.at + 1.0) * (size - 1)).astype(np.int32)
+        own = (sample.image == index) & np.all((place >= margin) & (place < size - margin), axis=1)
+        pixels = place[own, 0] + np.int32(level.pad), place[own, 1], direction[own], weight[own]
+        kernels.score_shifts(level.image, *pixels, cell[own], REACH, scores)
+        count += np.bincount(cell[own], minlength=number)
+    return Votes(sample, cell, count >= MIN_PART_PIXELS, _best_shifts(scores))
 
 
 def _best_shifts(scores: Array) -> Array:

@@ -73,20 +73,21 @@ class ReferenceLevel:
     @property
     def points(self) -> Floats:
         """Points (3, N) in m of all pixels, square by square."""
-        return self._all[:3]
+        return self.pixels[:3]
 
     @property
     def intensity(self) -> Floats:
         """Grey levels (N,) of all pixels."""
-        return self._all[3]
+        return self.pixels[3]
 
     @property
     def gradient(self) -> Floats:
         """Gradients (3, N) by the point of all pixels, in grey levels per metre."""
-        return self._all[4:]
+        return self.pixels[4:]
 
     @cached_property
-    def _all(self) -> Floats:
+    def pixels(self) -> Floats:
+        """Points, grey levels and gradients (7, N) of all pixels, square by square."""
         return pixels_of(self.squares.all())
 
 

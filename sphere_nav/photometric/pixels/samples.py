@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.align.problem import MAX_VIEWS
+from sphere_nav.photometric.align.projection import Floats, KernelCamera, in_blocks, kernel_motion, rolling
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
@@ -27,14 +28,18 @@ SQUARE = kernels.TA, kernels.TB, kernels.TC, kernels.TD, kernels.DU, kernels.DV 
 
 @dataclass(frozen=True)
 class Sample:
-    """Pixels of one image: which of its views each is of (N,), points (N, 3) m in the camera, residuals (N,).
+    """Pixels of the images of one body, in its axes: points (N, 3) m, residuals (N,), which view (N,) each is of.
 
-    Gradients (N, 3) by the point are those of both images. by_stretch (N,) is the derivative of the residual by the
-    stretch, current (N,) the grey level of the image, at (N, 2) the place in it, -1...1 on both axes.
+    Views are counted image by image, `MAX_VIEWS` each; range_m (N,) is that from the camera. Gradients (N, 3) by the
+    point are those of both images, by_point (N, 2, 3) is where a pixel falls by its point, by_stretch (N,) the
+    derivative of the residual by the stretch, current (N,) the grey level of the image, at (N, 2) the place in it,
+    -1...1 on both axes.
     """
 
     view: NDArray[np.int64]
     points: Array
+    range_m: Array
+    by_point: Array
     of_reference: Array
     of_image: Array
     by_stretch: Array
@@ -43,8 +48,13 @@ class Sample:
     at: Array
 
     @property
+    def image(self) -> NDArray[np.int64]:
+        """Which image (N,) each pixel is in."""
+        return self.view // MAX_VIEWS
+
+    @property
     def by_pose(self) -> Array:
-        """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
+        """Derivative (N, 6) of the residual by xi in T_world_body exp(xi)."""
         return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
 
     def __len__(self) -> int:
@@ -59,8 +69,7 @@ class Sample:
         return self.where(np.bincount(self.view)[self.view] >= least)
 
 
-CameraSamples = Sequence[tuple[SE3, Sample]]  # T_body_camera and the pixels of its image
-Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
+Sampler = Callable[[SE3], Sample]  # gives the pixels at another T_world_body
 
 
 def cosines(sample: Sample) -> tuple[Array, Array]:
@@ -68,11 +77,11 @@ def cosines(sample: Sample) -> tuple[Array, Array]:
 
     By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
     """
-    length, in_reference, in_image = (
-        np.sqrt(np.einsum("ni,ni->n", rows, rows)) for rows in (sample.points, sample.of_reference, sample.of_image)
+    in_reference, in_image = (
+        np.sqrt(np.einsum("ni,ni->n", rows, rows)) for rows in (sample.of_reference, sample.of_image)
     )
     product = np.einsum("ni,ni->n", sample.of_reference, sample.of_image)
-    return product / np.maximum(in_reference * in_image, TINY), length * in_reference
+    return product / np.maximum(in_reference * in_image, TINY), sample.range_m * in_reference
 
 
 class CellCosines(NamedTuple):
@@ -91,18 +100,26 @@ class CellCosines(NamedTuple):
         return float(np.quantile(self.mean[self.known], TYPICAL_QUANTILE)) if self.known.any() else 0.0
 
 
-def cosines_by_cell(sample: Sample, cells: tuple[int, int], least: int) -> CellCosines:
-    """Return the cosines by cells (columns, rows) of the image; known are those of `least` pixels."""
-    number, cell, (cosine, weight) = math.prod(cells), cell_of(sample, cells), cosines(sample)
-    total, agreeing = (np.asarray(np.bincount(cell, one, number), np.float64) for one in (weight, weight * cosine))
-    known = (np.bincount(cell, minlength=number) >= least) & (total > 0.0)
+def cosines_by_cell(sample: Sample, cells: tuple[int, int], least: int, num_images: int = 1) -> CellCosines:
+    """Return the cosines by cells (columns, rows) of so many images, or more; known are those of `least` pixels."""
+    cell, (cosine, weight) = cell_of(sample, cells), cosines(sample)
+    values = np.stack([weight, weight * cosine, np.ones(len(cell))], axis=-1)
+    total, agreeing, count = sum_by_cell(cell, values, num_images * math.prod(cells)).T
+    known = (count >= least) & (total > 0.0)
     return CellCosines(cell, cosine, weight, total, agreeing / np.maximum(total, TINY), known)
 
 
 def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
-    """Return in which cell (columns, rows) of the image each pixel (N,) is, row by row."""
+    """Return in which cell (columns, rows) of its image each pixel (N,) is: image by image, row by row."""
     column, row = np.clip((0.5 * (sample.at + 1.0) * cells).astype(np.int64), 0, np.array(cells) - 1).T
-    return row * cells[0] + column
+    return (sample.image * cells[1] + row) * cells[0] + column
+
+
+def sum_by_cell(cell: NDArray[np.int64], values: Array, num_cells: int = 0) -> Array:
+    """Return the sum (cells, ...) of values (N, ...) in each cell, of so many cells at least."""
+    shape = values.shape[1:]
+    sums = [np.bincount(cell, one, num_cells) for one in values.reshape(len(cell), math.prod(shape)).T]
+    return np.asarray(np.stack(sums, axis=-1).reshape(-1, *shape), np.float64)
 
 
 def sample_images(
@@ -111,12 +128,14 @@ def sample_images(
     light: Array,
     params: RegistrationParams,
     motion: FrameMotion | None = None,
-) -> Iterator[tuple[RigImage, Sample]]:
-    """Yield each image of one body with pixels of its views; light (views of all, 2) are their gains and biases."""
-    first, share = 0, share_pixels(params, len(images))
-    for image in images:
+) -> Sample:
+    """Return pixels of the images of one body; light (views of all, 2) are the gains and biases of their views."""
+    first, share, parts = 0, share_pixels(params, len(images)), []
+    for index, image in enumerate(images):
         own, first = light[first : first + len(image.views)], first + len(image.views)
-        yield image, sample_views(image, image.pose(T_world_body), own, share, image.motion(motion))
+        part = sample_views(image, image.pose(T_world_body), own, share, image.motion(motion))
+        parts.append(replace(part, view=MAX_VIEWS * index + part.view))
+    return Sample(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Sample)))
 
 
 def sample_views(
@@ -131,9 +150,9 @@ def sample_views(
         pixels = view.reference.level_like(level.camera)
         selection = choose_pixels(pixels, T, level.camera, params.max_pixels // number)
         tables.append(locate_pixels(thin_blocks(selection, NUM_SAMPLES // number), T, camera, level))
-        rotations.append(T.rotation)
+        rotations.append((image.mount @ T).rotation)
     of_view = np.repeat(np.arange(number), [len(one) for one in tables])
-    return interpolate(np.concatenate(tables), of_view, np.stack(rotations), light, level)
+    return interpolate(np.concatenate(tables), of_view, np.stack(rotations), light, level, image.mount)
 
 
 def thin_blocks(selection: Selection, number: int) -> Floats:
@@ -141,10 +160,7 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
     step = max(1, selection.num_pixels // number)
     some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]
     rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, some.shape[0] * some.shape[2])
-    count = -(-rows.shape[1] // SIDE)
-    blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
-    blocks[:, : rows.shape[1]] = rows
-    return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
+    return in_blocks(rows)
 
 
 def locate_pixels(blocks: Floats, T: SE3, camera: KernelCamera, level: Level) -> Floats:
@@ -156,8 +172,10 @@ def locate_pixels(blocks: Floats, T: SE3, camera: KernelCamera, level: Level) ->
     return table[scratch[:, kernels.SEEN : kernels.SEEN + SIDE] > 0.0]
 
 
-def interpolate(table: Floats, view: NDArray[np.int64], rotations: Array, light: Array, level: Level) -> Sample:
-    """Return pixels of the table of an image; rotations (views, 3, 3) are those of reference -> camera."""
+def interpolate(
+    table: Floats, view: NDArray[np.int64], rotations: Array, light: Array, level: Level, T_body_camera: SE3
+) -> Sample:
+    """Return pixels of the table of an image; rotations (views, 3, 3) are those of reference -> body."""
     values, (gain, bias) = table.T.astype(np.float64), light[view].T
     pixel, found = values[: BLOCK // SIDE], values[BLOCK // SIDE :]
     upper_left, upper_right, lower_left, lower_right, right, down = (found[first // SIDE] for first in SQUARE)
@@ -167,12 +185,15 @@ def interpolate(table: Floats, view: NDArray[np.int64], rotations: Array, light:
     by_v, current = gain * (bottom - top), top + down * (bottom - top)
     center = 0.5 * (np.array([level.camera.width, level.camera.height]) - 1.0)
     offset = found[[kernels.U // SIDE, kernels.V // SIDE]].T - center
-    J_u, J_v = np.split(found[kernels.J0 // SIDE : kernels.J5 // SIDE + 1], 2)
+    points = found[kernels.X // SIDE : kernels.Z // SIDE + 1].T
+    by_point = found[kernels.J0 // SIDE : kernels.J5 // SIDE + 1].T.reshape(-1, 2, 3) @ T_body_camera.rotation.T
     return Sample(
         view=view,
-        points=np.ascontiguousarray(found[kernels.X // SIDE : kernels.Z // SIDE + 1].T),
+        points=T_body_camera.apply(points),
+        range_m=np.linalg.norm(points, axis=1),
+        by_point=by_point,
         of_reference=np.einsum("nij,jn->ni", rotations[view], pixel[kernels.BX // SIDE : kernels.BZ // SIDE + 1]),
-        of_image=np.ascontiguousarray((by_u * J_u + by_v * J_v).T),
+        of_image=by_u[:, None] * by_point[:, 0] + by_v[:, None] * by_point[:, 1],
         by_stretch=by_u * offset[:, 0] + by_v * offset[:, 1],
         current=current,
         residual=gain * current + bias - pixel[kernels.GRAY // SIDE],

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import ExperienceChoice, Sight, correlate_poses, score_poses
+from dense_localizer.references.likeness import ExperienceChoice, Sight
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
@@ -111,25 +110,6 @@ def test_of_those_that_were_not_tried_the_one_in_use_serves_else_the_one_most_al
     for lead, expected in ((0.04, "day"), (0.06, "night")):  # alike by edges: grey levels
         choice.grays = {"night": 0.5 + lead}
         assert choice.look(is_followed=False, day=0.6, night=0.6) == expected
-
-
-def test_a_correlation_is_of_what_is_in_view():
-    """Points at the middle of pixels, some of them behind the camera; gain and offset do not count."""
-    rng = np.random.default_rng(4)
-    image = rng.uniform(20.0, 230.0, (PINHOLE.height, PINHOLE.width)).astype(np.float32)
-    level = build_pyramid(image, PINHOLE).levels[0]
-    rows, columns = rng.integers(2, 90, 40), rng.integers(2, 90, 40)
-    points = 3.0 * PINHOLE.unproject(np.stack([columns, rows], axis=-1).astype(float))
-    seen, here = image[rows, columns], SE3(np.eye(4)[None])
-    for intensity, expected in ((seen, 1.0), (0.5 * seen + 20.0, 1.0), (255.0 - seen, -1.0)):
-        ncc, count = correlate_poses(points, intensity, here, level)
-        assert (ncc[0], count[0]) == (pytest.approx(expected, abs=1e-5), 40)
-        assert score_poses(points, intensity, here, level)[0] == pytest.approx(expected, abs=1e-5)
-    for number, expected in ((20, np.sqrt(0.5)), (19, -1.0)):
-        part = np.concatenate([points[:number], -points[number:]])
-        assert score_poses(part, seen, here, level)[0] == pytest.approx(expected, abs=1e-5)
-    other = image[rows, columns[::-1]]
-    assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
 
 
 def test_a_drive_starts_from_nowhere_in_any_experience(days):

@@ -14,7 +14,6 @@ def test_every_kernel_of_the_registration_is_compiled_once_for_both_kinds_of_ima
     warm_up()
     for kernel in (descent.examine, kernels.find_visible):
         assert len(kernel.signatures) == 1
-    assert descent.scatter.signatures
     assert kernels.best_of.signatures
     assert len(descent.descend.signatures) == 2  # few views, and those of a rig
     assert len(kernels.halve.signatures) == 3  # of bytes, floats and a reference

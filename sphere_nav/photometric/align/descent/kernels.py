@@ -30,8 +30,6 @@ NUM_PIECES = 16  # at most so many pieces of a view show how differently its par
 PIECE_BLOCKS = 8
 MIN_GAIN, MAX_GAIN = 0.1, 10.0
 LIGHT_PRIOR = 1e-9  # keeps gain and bias defined on an even image
-RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but biases nothing either
-START = np.int64(0)  # a plain 0 is a type of its own: numba would compile what it is handed to once more
 NUM_FACTS = 10
 MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, NUM_CUT = range(5)  # the last: pieces
 SUM_REFERENCE, SUM_CURRENT, PRODUCT, SQUARE_REFERENCE, SQUARE_CURRENT = range(5, NUM_FACTS)
@@ -129,22 +127,6 @@ def to_body_tangent(T, H, g):
                 H[i, j] += A[k, i] * HA[k, j]
     for i in range(8):
         g[i] = q[i]
-
-
-@njit(**OPTIONS)
-def advance_gradient(sums, T, xi):
-    """Advance the gradient in a view's sums (NUM_SUMS,) by an increment xi (8,), to first order, in place."""
-    A, H, g, x = by_body(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
-    unpack_sums(sums, H, g)
-    for i in range(8):
-        for j in range(8):
-            x[i] += A[i, j] * xi[j]
-    s = 0
-    for a in range(NUM_COLUMNS):
-        s += NUM_COLUMNS - a
-        for b in range(NUM_COLUMNS):
-            sums[s] += H[a, b] * x[b]
-        s += 1
 
 
 @njit(**OPTIONS)
@@ -269,14 +251,13 @@ def descend(views, T_world_body, light, robust, expected, scales, stop, limit, i
     views as of `linearize`, robust is (Huber bound, smallest sigma), expected as of `add_expectation`, scales (N, 2)
     the pixels per radian of the views and their depth in m, stop (smallest increment in pixels, fewest visible pixels).
     A pure rotation (eq. 20) leaves the translation as it is. Returns the iterations, the last increment in pixels, and
-    whether the images determined it; facts and pieces are those of the last pass, the gradients those after its
-    increment.
+    whether the images determined it; facts and pieces are those of the last pass, before its increment.
     """
     min_step, min_pixels = stop
     first = 3 if is_rotation else 0
     motion, iteration = 0.0, 0
-    xi, before = np.zeros(8), np.empty((3, 4))
-    num_views, T_world_reference, T_camera_body = views[3:]
+    xi = np.zeros(6)
+    num_views, _, T_camera_body = views[3:]
     while iteration < limit:
         H, g, visible = linearize(views, T_world_body, light, robust, facts, pieces)
         if visible < min_pixels:
@@ -290,36 +271,12 @@ def descend(views, T_world_body, light, robust, expected, scales, stop, limit, i
         pose = compose(T_world_body, exponential(xi))
         for i in range(3):
             for j in range(4):
-                before[i, j], T_world_body[i, j] = T_world_body[i, j], pose[i, j]
+                T_world_body[i, j] = pose[i, j]
         iteration, motion = iteration + 1, 0.0
         for v in range(num_views):
             light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
             light[v, 1] += x[7 - first + 2 * v]
             motion = max(motion, image_motion(xi, T_camera_body[v], scales[v, 0], scales[v, 1]))
         if motion < min_step:
-            T_body_world = invert(before)
-            for v in range(num_views):
-                xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
-                for p in range(int(facts[v, NUM_CUT])):
-                    advance_gradient(pieces[v, p], compose(T_body_world, T_world_reference[v]), xi)
             break
     return iteration, motion, True
-
-
-@njit(**OPTIONS)
-def scatter(pieces, sigma):
-    """Return the sum over all pieces (P, NUM_SUMS) of g' H^-1 g / sigma^2, H of all together (see judgement.py)."""
-    H, g, h, total = np.zeros((8, 8)), np.empty((pieces.shape[0], 8)), np.empty((8, 8)), 0.0
-    for p in range(pieces.shape[0]):
-        unpack_sums(pieces[p], h, g[p])
-        for i in range(8):
-            for j in range(8):
-                H[i, j] += h[i, j]
-    for i in range(8):
-        H[i, i] += RIDGE * H[i, i] + TINY
-    for p in range(pieces.shape[0]):
-        x, is_found = newton_step(H, g[p], START)
-        if is_found:
-            for i in range(8):
-                total -= g[p, i] * x[i]
-    return total / sigma**2

@@ -7,8 +7,9 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
+from sphere_nav.photometric.align.projection import in_blocks
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
+from sphere_nav.photometric.align.rotation import correlate, correlation_after_turn, register_rotation
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -25,7 +26,7 @@ def with_itself(image, range_m, params):
 
 def cost(problem, T_world_camera):
     """Half the sum of squared residuals, all weights being one."""
-    (view,) = problem.compare(AlignmentState.start(T_world_camera, 1))
+    *_, (view,) = problem.compare(AlignmentState.start(T_world_camera, 1))
     return 0.5 * view.pieces[:, RESIDUAL_SQUARED].sum()
 
 
@@ -36,8 +37,7 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
     smooth = cv2.GaussianBlur(image, (0, 0), 3.0)  # so that central differences are the derivative
     problem = with_itself(smooth, range_m, RegistrationParams())
     T_start = T_WORLD_REFERENCE @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
-    H, g, _ = problem.linearize(AlignmentState.start(T_start, 1))
-    (compared,) = problem.compare(AlignmentState.start(T_start, 1))
+    H, g, (compared,) = problem.compare(AlignmentState.start(T_start, 1))
     H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
     scale = np.sqrt(np.diag(H))
     sides = [[cost(problem, T_start @ SE3.exp(s * step * axis)) for s in (1, 0, -1)] for axis in np.eye(6)]
@@ -49,12 +49,12 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
 
 def test_an_image_compared_with_itself_has_no_residual(room):
     problem = with_itself(*room.render(CAMERA, T_WORLD_REFERENCE), RegistrationParams())
-    (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
+    *_, (found,) = problem.compare(AlignmentState.start(T_WORLD_REFERENCE, 1))
     # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
     assert abs(found.median) < 0.25
     assert found.sigma == 1.0
     assert found.num_inliers == found.num_visible
-    (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
+    *_, (brighter,) = problem.compare(AlignmentState(T_WORLD_REFERENCE, np.array([[1.0, 40.0]])))
     assert abs(brighter.median - 40.0) < 0.25
 
 
@@ -91,3 +91,20 @@ def test_images_that_share_little_or_show_nothing_do_not_correlate(room):
     even = build_pyramid(np.full(image.shape, 90, np.uint8), CAMERA, PARAMS.pyramid)
     assert correlation_after_turn(level, level, SE3.exp([0, 0, 0, 0, np.deg2rad(90), 0]).rotation) is None
     assert correlation_after_turn(level, even, np.eye(3)) is None
+
+
+def test_a_correlation_is_of_what_is_in_view():
+    """Points at the middle of pixels, some of them behind the camera; gain and offset do not count."""
+    rng = np.random.default_rng(4)
+    image = rng.uniform(20.0, 230.0, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    level = build_pyramid(image, CAMERA).levels[0]
+    row, column = rng.integers(2, 90, 40), rng.integers(2, 90, 40)
+    seen, other = image[row, column], image[row, column[::-1]]
+    pixels = np.zeros((7, 40), np.float32)
+    pixels[:3] = 3.0 * CAMERA.unproject(np.stack([column, row], axis=-1).astype(float)).T
+    for gray, expected in ((seen, 1), (0.5 * seen + 20, 1), (255 - seen, -1), (other, np.corrcoef(seen, other)[0, 1])):
+        pixels[3] = gray
+        found, number = correlate(in_blocks(pixels), SE3.identity(), level)
+        assert (found, number) == (pytest.approx(expected, abs=2e-3), 40)  # float32 falls beside a pixel by 1e-5
+    pixels[:3, 15:] *= -1.0
+    assert correlate(in_blocks(pixels), SE3.identity(), level)[1] == 15

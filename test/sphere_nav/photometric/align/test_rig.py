@@ -49,7 +49,8 @@ def images(room, views):
 
 def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
     problem, state = Problem.choose_pixels(images, 1, START, PARAMS), AlignmentState.start(START, 4)
-    H, g, visible = problem.linearize(state)
+    H, g, found = problem.compare(state)
+    visible = sum(one.num_visible for one in found)
     for image in images:
         step = 1e-6 * np.eye(6)
         X, start = image.T_body_camera, image.pose(START)
@@ -57,10 +58,10 @@ def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
         moved = image.motion(FrameMotion(START @ SE3.exp(np.full(6, -0.05)), 0.5)).twist(start)
         np.testing.assert_allclose(moved, 0.025 * numeric.sum(axis=1), atol=1e-6)  # within a frame, too
         one = Problem.choose_pixels([replace(image, T_body_camera=None)], 1, start, PARAMS)
-        h, q, number = one.linearize(AlignmentState.start(start, 2))
+        h, q, found = one.compare(AlignmentState.start(start, 2))
         H[:6, :6] -= numeric.T @ h[:6, :6] @ numeric
         g[:6] -= numeric.T @ q[:6]
-        visible -= number
+        visible -= sum(view.num_visible for view in found)
     np.testing.assert_allclose(H[:6, :6], 0.0, atol=1e-4 * np.abs(h[:6, :6]).max())
     np.testing.assert_allclose(g[:6], 0.0, atol=1e-4 * np.abs(q[:6]).max())
     assert visible == 0
@@ -92,7 +93,8 @@ TWO_LEVELS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
 def overlap(range_m, turn=0.0):
     image = np.zeros((120, 160), np.uint8)
     view = View(prepare_reference(image, range_m, PINHOLE, TWO_LEVELS), SE3.identity())
-    return image_overlap(build_pyramid(image, PINHOLE, TWO_LEVELS.pyramid), [view], SE3.exp([0, 0, 0, 0, turn, 0]))
+    cameras = build_pyramid(image, PINHOLE, TWO_LEVELS.pyramid).cameras
+    return image_overlap(cameras, [view], SE3.exp([0, 0, 0, 0, turn, 0]))
 
 
 def test_what_comes_into_view_or_has_no_range_is_not_covered():

@@ -57,13 +57,12 @@ def gradients(angle, strength, at):
     first = rng.uniform(0.0, 2 * np.pi, len(at))
     rows = [strength[:, None] * np.column_stack([np.cos(a), np.sin(a), 0 * a]) for a in (first, first + angle)]
     length = np.linalg.norm(ray, axis=1, keepdims=True)
-    zeros = np.zeros(len(at))
-    return Sample(np.zeros(len(at), np.int64), ray, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
+    zeros, view, by_point = np.zeros(len(at)), np.zeros(len(at), np.int64), np.zeros((len(at), 2, 3))
+    return Sample(view, ray, length[:, 0], by_point, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
 
 
 def share_of(sample):
-    cameras = [(SE3.identity(), sample)]
-    return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity()).share
+    return find_occlusion_bias(lambda _: sample, sample, SE3.identity()).share
 
 
 def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
@@ -106,8 +105,8 @@ def in_grid(cosine, where=None, step=SMALL_STEP):
 
 def found_of(sample):
     """Return the share, whether a bias was looked for, and how often pixels were sampled anew."""
-    calls, cameras = [], [(SE3.identity(), sample)]
-    found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity())
+    calls = []
+    found = find_occlusion_bias(lambda T: calls.append(T) or sample, sample, SE3.identity())
     return found.share, bool(found.xi.any()), len(calls)
 
 
@@ -154,7 +153,7 @@ def test_a_cell_of_twelve_pixels_is_known():
 def test_a_view_of_fifty_pixels_is_used():
     for number, is_used in [(49, False), (50, True)]:
         sample = in_grid(1.0, np.arange(len(GRID)) < number)
-        _, ((_, kept),) = keep_agreeing([(SE3.identity(), sample)])
+        _, kept = keep_agreeing(sample)
         assert bool(len(kept)) == is_used
 
 

@@ -11,8 +11,8 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.checks.support import find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
-from sphere_nav.photometric.parts.votes import finest_levels
-from sphere_nav.photometric.pixels.samples import CameraSamples, sample_images
+from sphere_nav.photometric.parts.votes import Votes, vote
+from sphere_nav.photometric.pixels.samples import sample_images
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
 from worlds.room import optical, views_of
 
@@ -26,19 +26,19 @@ def views():
 
 
 class Looked:
-    """An image with the map, aligned from a guess, and what samples its pixels."""
+    """An image with the map, aligned from a guess, and what its cells say."""
 
     def __init__(self, room, views):
         image = room.photograph(CAMERA, TRUTH, 1)
         self.images = [RigImage(build_pyramid(image, CAMERA, PARAMS.pyramid), views=tuple(views))]
         self.found = register(self.images[0].pyramid, views, TRUTH, PARAMS)
 
-    def sample(self, T_world_camera) -> CameraSamples:
-        sampled = sample_images(self.images, T_world_camera, self.found.light, PARAMS)
-        return [(one.mount, found.of_views(MIN_SAMPLES)) for one, found in sampled]
+    def vote(self, T_world_camera) -> Votes:
+        sample = sample_images(self.images, T_world_camera, self.found.light, PARAMS)
+        return vote(self.images, PARAMS, sample.of_views(MIN_SAMPLES))
 
     def support(self, T_world_camera, T_predicted=None):
-        return find_support(finest_levels(self.images, PARAMS), self.sample, T_world_camera, T_predicted)
+        return find_support(self.vote, T_world_camera, T_predicted)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.photometric.constants import NUM_TRIED_MOTIONS
 from sphere_nav.photometric.parts.motion import agreeing, fit_motion, motion_covariance
-from sphere_nav.photometric.parts.votes import Shifts, Votes
+from sphere_nav.photometric.parts.votes import Shifts, chance_of
 
 XI = np.array([0.05, -0.1, 0.2, 0.004, 0.01, -0.02])
 REACH = 8
@@ -58,5 +58,5 @@ def test_the_chance_of_the_best_of_all_motions_is_not_larger_than_told():
         found = cells(rng, 60, 0.0)
         xi = fit_motion(found)
         agree = 0 if xi is None else int(agreeing(found, xi[None]).sum())
-        chances.append(min(Votes(60, agree).chance * NUM_TRIED_MOTIONS, 1.0))
+        chances.append(min(chance_of(60, agree) * NUM_TRIED_MOTIONS, 1.0))
     assert np.mean(np.array(chances) <= 0.05) <= 0.05

@@ -46,20 +46,6 @@ def test_by_body_says_how_an_increment_of_the_body_moves_the_reference(T):
     assert not A[6:, :6].any()
 
 
-def test_the_gradient_advances_by_h_times_the_increment(T, rng):
-    A = rng.normal(size=(8, 20)) * 10.0 ** rng.integers(-3, 4, (8, 1))
-    H, g = A @ A.T, rng.normal(size=8)
-    whole = np.block([[H, g[:, None]], [g[None], np.full((1, 1), 3.0)]])
-    sums, xi = np.zeros(NUM_SUMS), rng.normal(size=8)
-    sums[:45], sums[45:] = whole[np.triu_indices(9)], (7.0, 5.0)
-    kernels.advance_gradient(sums, rows_of(T), xi)
-    found, found_g = np.empty((8, 8)), np.empty(8)
-    kernels.unpack_sums(sums, found, found_g)
-    np.testing.assert_allclose(found_g, g + H @ kernels.by_body(rows_of(T)) @ xi, rtol=1e-9)
-    np.testing.assert_array_equal(found, H)
-    assert sums[44:].tolist() == [3.0, 7.0, 5.0]
-
-
 CAMERA, HUBER, MIN_SIGMA = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5), 1.345, 1.0
 
 
