@@ -29,7 +29,8 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     number = min(bag.topics[remap["left/image_raw"]].count, MAX_PAIRS)
     step, windows, images, pair = max(number // MAX_WINDOWS, NUM_VIEWS - 1), list[Window](), list[Any](), None
     node, pairs = collect(bag, values, remap, PairCollector)
-    for index, (left, right, pair) in enumerate(progress("stereo", "pair", islice(pairs, number), number)):
+    for index, found in enumerate(progress("stereo", "pair", islice(pairs, number), number)):
+        left, right, pair = found
         images += [(to_gray_bytes(left), to_gray_bytes(right))] * (index % step < NUM_VIEWS)
         if len(images) == NUM_VIEWS:
             window = follow_window(*zip(*images, strict=True))
@@ -39,12 +40,12 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         return None, ""
     geometry, rows = pair.geometry, pair.fit
     _, words = describe_rows(pair, node.params.mapper.stereo.calibration_px)
-    found = fit_columns(geometry.camera, geometry.baseline_m, windows)
+    fit = fit_columns(geometry.camera, geometry.baseline_m, windows)
     correction, disparity = StereoField(), "as told"
     if rows is not None and rows.is_significant:
         correction = replace(correction, rows=tuple(rows.rows))
-    if found is not None and found.is_significant:
-        correction, off = replace(correction, columns=tuple(found.columns)), found.columns[0]
-        told = f"{off:.2f} +- {np.sqrt(found.covariance[0, 0]):.2f} px in the middle, by {found.num_tracks} corners"
+    if fit is not None and fit.is_significant:
+        correction, off = replace(correction, columns=tuple(fit.columns)), fit.columns[0]
+        told = f"{off:.2f} +- {np.sqrt(fit.covariance[0, 0]):.2f} px in the middle, by {fit.num_tracks} corners"
         disparity = f"too small by {told}, corrected"
     return StereoPair(geometry, correction, rows), f"stereo: {words}; disparity {disparity}"
