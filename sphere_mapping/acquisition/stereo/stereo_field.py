@@ -81,6 +81,13 @@ def basis_of_columns(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x * x, x, y, x * y, y * y, x**3, x**4], axis=-1)
 
 
+def slopes_of_columns(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the derivatives (..., 8) of `basis_of_columns` by x and by y."""
+    none, one = np.zeros_like(x), np.ones_like(x)
+    by_x = np.stack([none, 2 * x, one, none, y, none, 3 * x * x, 4 * x**3], axis=-1)
+    return by_x, np.stack([none, none, none, one, x, 2 * y, none, none], axis=-1)
+
+
 def tangents(camera: Pinhole, pixels: Array) -> tuple[Array, Array]:
     """Return x, y of pixels (..., 2) of a rectified image."""
     return (pixels[..., 0] - camera.cx) / camera.fx, (pixels[..., 1] - camera.cy) / camera.fy

@@ -24,6 +24,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     NUM_BOW,
     NUM_COLUMNS,
     basis_of_columns,
+    slopes_of_columns,
     tangents,
 )
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
@@ -81,6 +82,13 @@ def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: 
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
     covariance = inverse * (max(variance, 1e-6) * CORRELATED_CORNERS) + np.diag(TRACK_FLOOR_PX[:number] ** 2)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
+
+
+def motions_of(camera: Pinhole, baseline_m: float, window: Window) -> list[SE3]:
+    """Return T_view_first of the left camera in every instant."""
+    state = _State(camera, baseline_m, window)
+    _solve([state], NUM_BOW)
+    return state.T_view_first
 
 
 def _solve(states: Sequence[_State], number: int) -> tuple[Array, Array]:
@@ -148,10 +156,7 @@ class _State:
         self.T_view_first[1:] = [SE3.exp(xi) @ T for xi, T in zip(motions, self.T_view_first[1:], strict=True)]
 
     def _linearize(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Return residuals (K, N, 3) of u, v, the right u; their derivatives by depth, by the numbers and motions.
-
-        What the numbers correct hardly changes from pixel to pixel: no derivative is made of that.
-        """
+        """Return residuals (K, N, 3) of u, v, the right u; their derivatives by depth, by the numbers and motions."""
         camera, C = self.camera, len(columns)
         shape = (len(self.T_view_first), len(self.rays), 3)
         r, J_inverse, J = np.zeros(shape), np.zeros(shape), np.zeros((*shape, C + self.size))
@@ -160,12 +165,18 @@ class _State:
             p[:, 2] = np.maximum(p[:, 2], 1e-3)
             p_right = p - np.outer(self.inverse, (self.baseline_m, 0.0, 0.0))
             (left, _), (right, _) = camera.project(p), camera.project(p_right)
+            place = tangents(camera, right)
+            basis = basis_of_columns(*place)[:, :C]
+            by_x, by_y = (part[:, :C] @ columns for part in slopes_of_columns(*place))
             r[k, :, :2] = left - self.window.left[k]
-            J[k, :, 2, :C] = basis_of_columns(*tangents(camera, right))[:, :C]
-            r[k, :, 2] = right[:, 0] + J[k, :, 2, :C] @ columns - self.window.right_u[k]
-            by_point = np.concatenate([camera.J_project(p), camera.J_project(p_right)[:, :1]], axis=1)
+            r[k, :, 2] = right[:, 0] + basis @ columns - self.window.right_u[k]
+            by_right = np.column_stack([1 + by_x / camera.fx, by_y / camera.fy])  # of the right column by its pixel
+            by_point = np.concatenate(
+                [camera.J_project(p), np.einsum("ni,nij->nj", by_right, camera.J_project(p_right))[:, None]], axis=1
+            )
             J_inverse[k] = by_point @ T.translation
             J_inverse[k, :, 2] -= by_point[:, 2, 0] * self.baseline_m
+            J[k, :, 2, :C] = basis
             if k:
                 own = J[k, ..., C + 6 * k - 6 : C + 6 * k]
                 own[..., :3], own[..., 3:] = by_point * self.inverse[:, None, None], -by_point @ so3.hat(p)

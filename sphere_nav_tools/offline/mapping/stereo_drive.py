@@ -33,7 +33,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         left, right, pair = found
         images += [(to_gray_bytes(left), to_gray_bytes(right))] * (index % step < NUM_VIEWS)
         if len(images) == NUM_VIEWS:
-            window = follow_window(*zip(*images, strict=True))
+            window = follow_window(pair.geometry.camera, pair.geometry.baseline_m, *zip(*images, strict=True))
             windows += [window] if window is not None else []
             images = []
     if pair is None:

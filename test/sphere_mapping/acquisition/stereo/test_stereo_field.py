@@ -5,8 +5,10 @@ import numpy as np
 
 from sphere_mapping.acquisition.stereo.stereo_field import (
     StereoField,
+    basis_of_columns,
     fit_rows,
     match_corners,
+    slopes_of_columns,
     tangents,
 )
 from sphere_nav.geometry import Pinhole
@@ -50,3 +52,12 @@ def test_rows_that_agree_are_left_alone():
     x, y = tangents(CAMERA, pixel_grid(CAMERA))
     worst = np.abs(StereoField(rows=tuple(fit.rows)).shift(x, y)[1]).max()
     assert not fit.is_significant or worst < 0.1
+
+
+def test_slopes_of_the_columns_are_those_of_their_polynomial(rng):
+    x, y = rng.uniform(-0.8, 0.8, (2, 20))
+    by_x, by_y = slopes_of_columns(x, y)
+    step = 1e-6
+    for found, (dx, dy) in ((by_x, (step, 0.0)), (by_y, (0.0, step))):
+        change = basis_of_columns(x + dx, y + dy) - basis_of_columns(x - dx, y - dy)
+        np.testing.assert_allclose(found, change / (2 * step), atol=1e-8)

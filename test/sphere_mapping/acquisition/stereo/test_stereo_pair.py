@@ -134,7 +134,7 @@ def test_a_bent_pair_drives_straight_and_as_far_as_it_did():
     assert abs(straight_yaw) < 0.01  # degrees a metre: what ranges of one side err by
     rows = [pair.rectify(*images) for images in drive] and pair.fit
     straight = [pair.rectify(*images) for images in drive]
-    windows = [follow_window(*zip(*straight[k : k + 4], strict=True)) for k in range(NUM_STEPS - 3)]
+    windows = [follow_window(CAMERA, BASELINE, *zip(*straight[k : k + 4], strict=True)) for k in range(NUM_STEPS - 3)]
     columns = fit_columns(CAMERA, BASELINE, [one for one in windows if one is not None])
     assert rows.is_significant
     assert columns.is_significant
