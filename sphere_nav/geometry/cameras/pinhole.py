@@ -16,7 +16,7 @@ NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
 MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
 WIDEST, NUM_RADII = 10.0, 4001  # undistorted radii at which the distortion is known before it is undone
-NEWTON_STEPS = 8  # that undo a distortion: to rounding, where it can be undone
+NEWTON_STEPS = 12  # that undo a distortion: to rounding, where it can be undone
 DERIVATIVE_STEP = 1e-7  # of the range, by which a point is moved; cameras/test_camera
 
 
