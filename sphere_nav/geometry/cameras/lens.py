@@ -1,4 +1,4 @@
-"""Cameras as vectors (fx, fy, cx, cy, distortion...) of one length for all models, and what each number does to pixels.
+"""Cameras as vectors (fx, fy, cx, cy, distortion...) of one length for all models.
 
 omni: k1 k2 p1 p2, k3 = 0, xi.
 """
@@ -18,7 +18,6 @@ from sphere_nav.geometry.cameras.pinhole import Pinhole
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 K3, XI = 8, 9  # of an omni
 MODELS: dict[str, Any] = {model.model: model for model in (Pinhole, Fisheye, Omni)}
-STEP = 1e-6  # of coefficients, which pixels are nearly linear in
 
 
 def lens_of(camera: Camera) -> Array:
@@ -54,16 +53,3 @@ def free_parameters(model: str, num_distortion: int) -> Flags:
     if model == "omni":
         return np.asarray((number <= XI) & (number != K3))
     return np.asarray(number < 4 + (num_distortion if model == "pinhole" else 4))
-
-
-def J_lens(camera: Camera, points: Array) -> Array:
-    """Return d pixel / d parameters (N, 2, 12) of points (N, 3), by differences; NaN where not seen."""
-    lens, pixels = lens_of(camera), camera.project(points)[0]
-    num_distortion = len(camera.distortion) if isinstance(camera, Pinhole) else 0
-    J = np.zeros((len(points), 2, NUM_LENS))
-    for k in np.flatnonzero(free_parameters(camera.model, num_distortion)):
-        moved = camera_of(
-            camera.model, (camera.width, camera.height), lens + STEP * np.eye(NUM_LENS)[k], num_distortion
-        )
-        J[:, :, k] = (moved.project(points)[0] - pixels) / STEP
-    return J

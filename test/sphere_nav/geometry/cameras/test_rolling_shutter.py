@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Omni, Pinhole
-from sphere_nav.geometry.cameras.lens import J_lens, camera_of, first_lens, lens_of
+from sphere_nav.geometry.cameras.lens import camera_of, first_lens, lens_of
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 
 CAMERAS = [
@@ -41,15 +41,8 @@ LENSES = (
 
 
 @pytest.mark.parametrize("camera", LENSES, ids=lambda camera: camera.model)
-def test_a_lens_is_the_camera_and_has_the_derivatives_that_it_says(camera, rng):
-    lens, points = lens_of(camera), rng.uniform([-0.5, -0.5, 0.6], [0.5, 0.5, 1.5], (20, 3))
-    assert camera_of(camera.model, (640, 480), lens, 5) == camera
-    J = J_lens(camera, points)
-    for k, size in enumerate([1e-2] * 4 + [1e-4] * 8):
-        step = size * np.eye(12)[k]
-        sides = [camera_of(camera.model, (640, 480), one, 5) for one in (lens + step, lens - step)]
-        after, before = (one.project(points)[0] for one in sides)
-        np.testing.assert_allclose(J[:, :, k], (after - before) / (2 * size), atol=2e-3)  # of up to 1000
+def test_a_lens_is_the_camera_and_starts_with_its_resolution(camera):
+    assert camera_of(camera.model, (640, 480), lens_of(camera), 5) == camera
     start = camera_of(camera.model, (640, 480), first_lens(camera.model, 300.0, (321.0, 238.0)), 0)
     radius = {"pinhole": np.tan(0.8), "omni": 2.0 * np.tan(0.4)}.get(camera.model, 0.8)
     found, _ = start.project([np.sin(0.8), 0.0, np.cos(0.8)])
