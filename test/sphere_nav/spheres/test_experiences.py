@@ -1,7 +1,14 @@
 """Which experiences a map holds, where, and how they serve."""
 
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.experiences import Service, find_places, split_by_experience, with_experience, with_service
+from sphere_nav.spheres.experiences import (
+    Service,
+    count_image,
+    find_places,
+    split_by_experience,
+    with_experience,
+    with_service,
+)
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 NIGHT = Experience("night", "rgbd 64 x 48", "drive_2", 7)
@@ -28,6 +35,13 @@ def test_service_is_a_mean_in_which_later_drives_count_more():
     again = with_service(graph, {1: Service(5, 300), 2: Service(1, 300)})  # the same again: the mean stays
     assert [node.served for node in again] == [0.0, 5.0, 1.0, 0.0]
     assert [node.last_served_ns for node in with_service(graph, {})] == [0, 200, 250, 0]
+
+
+def test_images_are_counted_by_the_key_sphere_that_explains_them():
+    served: dict[int, Service] = {}
+    for stamp in (100, 200):
+        count_image(served, 3, stamp)
+    assert served == {3: Service(2.0, 200)}
 
 
 def test_a_drive_by_night_tells_nothing_of_the_day():
