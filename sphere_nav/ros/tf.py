@@ -11,7 +11,7 @@ from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.odometry import MEMORY_NS, OdometryBuffer
+from sphere_nav.geometry.odometry import MEMORY_NS, OdometryBuffer, move_on
 from sphere_nav.ros import qos
 from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE
 from sphere_nav.ros.conversions import stamp_ns, transform_to_se3
@@ -110,12 +110,13 @@ class TransformTree:
     def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
         """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
         history = self._edges[child].history
-        if len(history) < 2 or stamp < history[0][0]:
+        if len(history) < 2 or not history[0][0] <= stamp <= history[-1][0] + max_age_ns:
             return None
+        if stamp <= history[-1][0]:
+            return self._one(child, stamp)
         last_ns, last, _ = history[-1]
         before_ns, before, _ = next((one for one in reversed(history) if last_ns - one[0] >= max_age_ns), history[0])
-        history[-1] = last_ns, last, (before.inverse() @ last).log() * 1e9 / (last_ns - before_ns)
-        return history.carry_on(stamp, max_age_ns)
+        return move_on(before, last, (stamp - before_ns) / (last_ns - before_ns))
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]

@@ -29,8 +29,8 @@ def sample_inverse(inverse: Floats, u: Floats, v: Floats, max_step: float = MAX_
     four, known = np.ones((2, 2), np.uint8), np.nan_to_num(inverse, nan=-1.0)
     largest, least = (extreme(known, four, anchor=(0, 0)) for extreme in (cv2.dilate, cv2.erode))
     is_smooth = largest - least <= max_step * largest
-    row, column = (np.clip(np.floor(at), 0, side - 2).astype(np.intp)
-                   for at, side in zip((v, u), inverse.shape, strict=True))  # fmt: skip
+    height, width = inverse.shape
+    row, column = (np.clip(np.floor(at), 0, last).astype(np.intp) for at, last in ((v, height - 2), (u, width - 2)))
     nearest = cv2.remap(inverse, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
     linear = cv2.remap(inverse, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(is_smooth[row, column] & ~np.isnan(nearest), linear, nearest)

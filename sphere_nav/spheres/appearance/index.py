@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, MutableMapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,9 +98,10 @@ def pair_words(one: Integers, other: Integers, number: int) -> tuple[Integers, I
     """Return the places in both lists, of words below `number`, of all pairs that are the same word."""
     from scipy.sparse import csr_array  # what only reads bags does without it
 
-    tables = [csr_array((np.ones(len(words), np.int8), words, np.arange(len(words) + 1)), (len(words), number))
-              for words in (one, other)]  # fmt: skip
-    second, first = (tables[1] @ tables[0].T).nonzero()  # the other list is the longer one: it is not turned
+    def table(words: Integers) -> Any:
+        return csr_array((np.ones(len(words), np.int8), words, np.arange(len(words) + 1)), (len(words), number))
+
+    second, first = (table(other) @ table(one).T).nonzero()  # the other list is the longer one: it is not turned
     return first.astype(np.int64), second.astype(np.int64)
 
 
