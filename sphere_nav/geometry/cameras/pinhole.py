@@ -16,7 +16,7 @@ NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
 MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
 WIDEST, NUM_RADII = 10.0, 4001  # undistorted radii at which the distortion is known before it is undone
-NEWTON_STEPS = 12  # that undo a distortion: to rounding, where it can be undone
+NEWTON_STEPS, ROUNDING = 12, 1e-13  # that undo a distortion, at most, where it can be undone; of the last, on the plane
 DERIVATIVE_STEP = 1e-7  # of the range, by which a point is moved; cameras/test_camera
 
 
@@ -136,7 +136,10 @@ class PlaneCamera:
                 a, b = (self._distort(xy + DERIVATIVE_STEP * axis) - found for axis in np.eye(2))
                 error = DERIVATIVE_STEP * (found - target)
                 step = np.stack([_determinant(error, b), _determinant(a, error)], axis=-1)
-                xy = xy - step / _determinant(a, b)[..., None]
+                step = step / _determinant(a, b)[..., None]
+                xy = xy - step
+                if not np.any(np.abs(step) > ROUNDING):
+                    break
             off = np.linalg.norm(self._distort(xy) - target, axis=-1)
             good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
         return np.where(good[..., None], xy, np.nan)
