@@ -26,11 +26,10 @@ JOBS, SPEED_UP = (1, 2), 1.7
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Draw a drive, map it by one process and by several; kernels are compiled before."""
+    """Draw a drive, map it by one process and by several; `make env` has compiled the kernels."""
     number, width = (QUICK_INSTANTS, 512) if options.size == "quick" else (INSTANTS, 1024)
     folder = options.folder
     _draw(folder, number, width, options.seed)
-    _map(folder, "first", 1, width)
     found = {jobs: _map(folder, str(jobs), jobs, width) for jobs in JOBS}
     one, other = (np.fromfile(folder / str(jobs) / "map.mcap", np.uint8) for jobs in JOBS)
     rows = [(str(jobs), f"{seconds:.1f}", f"{memory:.0f}") for jobs, (seconds, memory) in found.items()]
