@@ -19,7 +19,6 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.shared_files import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGE = "msg_defs/msg/FollowerStatus.msg"
 INTRODUCTION = """\
 # Parameters
 
@@ -109,13 +108,6 @@ def parameters_page(nodes: list[type[ManagedNode]]) -> str:
     return "\n".join(parts)
 
 
-def status_message() -> str:
-    """Return FollowerStatus.msg with the reasons of the follower."""
-    text = (ROOT / MESSAGE).read_text(encoding="utf-8")
-    words = [f'string {r} = "{r}"  # {r.meaning}' for r in path_follower.reasons.StopReason if r]
-    return re.sub(r"(# --- reasons.*\n)(?:string .*\n)*", lambda found: found[1] + "\n".join([*words, ""]), text)
-
-
 def trouble_page() -> str:
     """Return docs/something_is_wrong.md: state, reason and remedy in the words of the nodes."""
     images, geometry = dense_localizer.reasons.REMEDIES, mcl_depth.status.REMEDIES
@@ -166,7 +158,7 @@ def files() -> dict[Path, str]:
         "parameters.md": parameters_page(nodes),
         "something_is_wrong.md": trouble_page(),
     }
-    pages |= {ROOT / "docs" / name: text for name, text in docs.items()} | {ROOT / MESSAGE: status_message()}
+    pages |= {ROOT / "docs" / name: text for name, text in docs.items()}
     _, stops, _ = parts_at(ROOT / "docs" / "faults.md", "stops")  # as `benchmarks faults` measured it
     marked = [(ROOT / name, "stops", stops) for name in ("README.md", "docs/on_a_vehicle.md")]
     marked += [(ROOT / "docs" / "path_follower.md", "states and requests", states_table() + "\n")]

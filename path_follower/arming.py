@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from path_follower.consistency import MotionConsistency
 from path_follower.modes import WITHDRAWN, Event, Mode, Phase
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2, ReferencePath
+from path_follower.path import Location, ReferencePath
 from path_follower.reasons import FINE, StopReason, describe
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Motion, Predictor
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Verdict
 
@@ -24,15 +24,13 @@ class Arming:
     def __init__(self, params: FollowerParams | None = None, path: ReferencePath | None = None) -> None:
         """Begin at standstill, not armed."""
         self.params = params or FollowerParams()
-        self.watch = SafetyMonitor(self.params)
         self.mode = Mode()
         self._steady_ns: int | None = None  # since when a vehicle that waits could go on
         self.limiter = Limiter(self.params.vehicle)
         self.predictor = Predictor(self.params.vehicle, self.params.actuation)
-        self.consistency = MotionConsistency(self.params, self.predictor)
+        self.watch = SafetyMonitor(self.params, self.predictor)
         self.path: ReferencePath | None = None
         self.location: Location | None = None
-        self.measured_speed: float | None = None
         if path is not None:
             self.load(path)
 
@@ -59,16 +57,16 @@ class Arming:
 
     def tune(self, params: FollowerParams) -> None:
         """Go on with other values of the live parameters, also while driving."""
-        self.params = self.watch.params = self.consistency.params = params
+        self.params = self.watch.params = self.watch.consistency.params = params
         if self.path is not None:
             self.path = self.path.at_cruise(params.speed.cruise)
 
-    def see_pose(self, pose: Pose2, time_ns: int, speed: float | None = None, covariance: Array | None = None) -> None:
+    def see_pose(
+        self, T_map_base: SE3, time_ns: int, speed: float | None = None, covariance: Array | None = None
+    ) -> None:
         """Accept a pose; `covariance` (3, 3) of (x, y, yaw) in the vehicle's axes, None: not stated."""
-        if self.watch.see_pose(pose, time_ns):
-            self.measured_speed = speed
-            is_driven = not self.mode.is_at_rest and self.mode.phase is not Phase.PAUSED
-            self.watch.doubt = self.consistency.see_pose(pose, covariance, time_ns, is_driving=is_driven)
+        is_driven = not self.mode.is_at_rest and self.mode.phase is not Phase.PAUSED
+        self.watch.see_pose(T_map_base, time_ns, speed, covariance, is_driving=is_driven)
 
     # --- requests
     def under(self, permission: int, request: Callable[[], str | None], *, is_stop: bool = False) -> str:
@@ -112,7 +110,6 @@ class Arming:
         """Forget everything with a stamp, as after a jump of the clock; brake if in motion."""
         self.watch.reset()
         self.predictor.reset()
-        self.consistency.reset()
         self.limiter.last_ns = self._steady_ns = None
         self.mode.take(Event.RESET, Verdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
 

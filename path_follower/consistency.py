@@ -173,7 +173,7 @@ class MotionConsistency:
             self._begin(None, NO_VARIANCE)
             return replace(doubt, stop=stop)
         variance = NO_VARIANCE if covariance is None else np.diagonal(covariance)
-        last, now = self._last, Instant(time_ns, pose, self._wheels_at(time_ns))
+        last, now = self._last, Instant(time_ns, pose, self.wheels_at(time_ns))
         if last is None or not is_driving or not 0 < time_ns - last.time_ns <= MAX_GAP_NS:
             self._begin(now, variance)
             return doubt
@@ -222,7 +222,7 @@ class MotionConsistency:
         return Doubt(over(StopReason.POSE_UNCERTAIN, seconds, limit, found), uncertain)
 
     # --- wheels
-    def _wheels_at(self, time_ns: int) -> Reckoning | None:
+    def wheels_at(self, time_ns: int) -> Reckoning | None:
         """Return the odometry at a time, between two messages or after the last; None before the first."""
         if not self._odometry or time_ns < self._odometry[0][0]:
             return None

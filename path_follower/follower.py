@@ -13,6 +13,7 @@ from path_follower.reasons import FINE, Severity, StopReason, severity_of
 from path_follower.speed import bounded_speed, eased_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
+from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Verdict
 
 
@@ -27,7 +28,7 @@ class Follower(Arming):
         now_ns = max(stamp_ns, self.limiter.last_ns or stamp_ns) if now_ns is None else now_ns
         if localization_state:
             self.watch.see_status(localization_state, now_ns)
-        self.see_pose(Pose2(*pose), min(stamp_ns, now_ns), speed)
+        self.see_pose(SE3.from_planar(*pose), min(stamp_ns, now_ns), speed)
         return self.tick(now_ns)
 
     def tick(self, now_ns: int) -> Command:
@@ -84,7 +85,7 @@ class Follower(Arming):
         here = path.advance(pose, self.location, window)
         # Progress only goes forward: of a vehicle that stands the noise of its poses would add up.
         self.location = replace(here, arc_length=self.location.arc_length) if self.is_standing else here
-        predicted = self.predictor.predict(pose, self.watch.pose_ns, now_ns, self.measured_speed)
+        predicted = self.predictor.predict(pose, self.watch.pose_ns, now_ns, self.watch.speed)
         ahead = path.advance(predicted, self.location, window)
         virtual = path.at(ahead.arc_length, ahead.segment)
         remaining = path.end_of(ahead.segment) - ahead.arc_length

@@ -14,9 +14,10 @@ from path_follower.follower import Follower
 from path_follower.modes import Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2, ReferencePath
+from path_follower.path import Location, ReferencePath
 from path_follower.reasons import FINE, StopReason, blocked, first_of, over
 from path_follower.vehicle import clip
+from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Verdict
 
 
@@ -33,11 +34,12 @@ class HomingFollower(Follower):
     @property
     def direction(self) -> float | None:
         """Angle in rad from the vehicle's heading to the next waypoint, positive to the left; None before any."""
-        return self.watch.pose.yaw if self.watch.pose is not None else None
+        pose = self.watch.pose
+        return pose.yaw if pose is not None else None
 
     def see(self, direction: float, time_ns: int) -> None:
         """Accept a direction in rad; one that is no number, or not newer, changes nothing."""
-        self.watch.see_pose(Pose2(0.0, 0.0, direction), time_ns)
+        self.watch.see_pose(SE3.from_planar(0.0, 0.0, direction), time_ns)
 
     def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
         """Take what the source of the directions says of them; `way`: m gone and m left along the path.

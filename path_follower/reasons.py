@@ -9,34 +9,49 @@ from path_follower.constants import MIN_POINTS
 from sphere_nav.localization.status import Verdict
 
 
+class Severity(enum.IntEnum):
+    """How bad a reason is: of several the worst is kept, and only an operator ends what is above BLOCKED."""
+
+    NONE = 0
+    MISSING = 1  # may end by its return
+    BLOCKED = 2  # ends by a new start, also that of a mission whose permission lasts
+    WRONG = 3
+    OPERATOR = 4
+    EMERGENCY = 5
+
+
 class StopReason(enum.StrEnum):
-    """The words of FollowerStatus, where `make docs` writes them: each with its meaning, and what to do."""
+    """The words of FollowerStatus: each with its meaning, what to do, and how bad it is."""
 
     meaning: str
     remedy: str
+    severity: Severity
 
-    def __new__(cls, word: str, meaning: str = "", remedy: str = "") -> Self:
+    def __new__(cls, word: str, meaning: str, remedy: str, severity: Severity = Severity.WRONG) -> Self:
         """Make one of its row."""
         one = str.__new__(cls, word)
-        one._value_, one.meaning, one.remedy = word, meaning, remedy
+        one._value_, one.meaning, one.remedy, one.severity = word, meaning, remedy, severity
         return one
 
-    NONE = ""
-    OPERATOR = "OPERATOR", "a call asked for it", "call start"
+    NONE = "", "", "", Severity.NONE
+    OPERATOR = "OPERATOR", "a call asked for it", "call start", Severity.OPERATOR
     NOT_LOCALISED = (
         "NOT_LOCALISED",
         "the localiser is neither TRACKING nor DEGRADED",
         "wait for TRACKING or call relocalize of the localiser, then call start",
+        Severity.MISSING,
     )
     LOCALISATION_DEGRADED = (
         "LOCALISATION_DEGRADED",
         "the localiser has been DEGRADED for longer than the limit",
         "wait for TRACKING, then call start",
+        Severity.BLOCKED,
     )
     POSE_TIMEOUT = (
         "POSE_TIMEOUT",
         "no pose for longer than the limit, or an older one",
         "check the localiser, the topic of the pose and the clocks, then call start",
+        Severity.MISSING,
     )
     POSE_SOURCE = (
         "POSE_SOURCE",
@@ -47,6 +62,7 @@ class StopReason(enum.StrEnum):
         "STATUS_TIMEOUT",
         "the localiser's status is older than the limit",
         "check the localiser and the topic of its status, then call start",
+        Severity.MISSING,
     )
     STATUS_SOURCE = (
         "STATUS_SOURCE",
@@ -62,6 +78,7 @@ class StopReason(enum.StrEnum):
         "POSE_UNCERTAIN",
         "the pose's covariance is larger than the limit, or none at all",
         "wait for a pose that is certain, or call relocalize of the localiser, then call start",
+        Severity.BLOCKED,
     )
     POSE_JUMP = (
         "POSE_JUMP",
@@ -93,16 +110,18 @@ class StopReason(enum.StrEnum):
         "further from the path than the limit",
         "bring the vehicle onto the path, heading along it, then call start",
     )
-    OBSTACLE = "OBSTACLE", "something in the swept footprint", "clear the way, then call start"
+    OBSTACLE = "OBSTACLE", "something in the swept footprint", "clear the way, then call start", Severity.BLOCKED
     SCAN_TIMEOUT = (
         "SCAN_TIMEOUT",
         "obstacle sensing was on and has gone",
         "check the scanner and its topic, then call start",
+        Severity.MISSING,
     )
     ODOM_TIMEOUT = (
         "ODOM_TIMEOUT",
         "the wheels' odometry was on and has gone",
         "check the wheels' odometry and its topic, then call start",
+        Severity.MISSING,
     )
     CLOCK_STOPPED = (
         "CLOCK_STOPPED",
@@ -119,44 +138,24 @@ class StopReason(enum.StrEnum):
         "command_guard lets nothing through, or says nothing any more",
         "see the log of command_guard, then call start",
     )
-    EMERGENCY_STOP = "EMERGENCY_STOP", "pressed, or not to be relied on", "release the emergency stop, then call start"
+    EMERGENCY_STOP = (
+        "EMERGENCY_STOP",
+        "pressed, or not to be relied on",
+        "release the emergency stop, then call start",
+        Severity.EMERGENCY,
+    )
     END_OF_PATH = (
         "END_OF_PATH",
         "the end of the path is reached",
         "load a path or bring the vehicle to its beginning, then call start",
+        Severity.NONE,
     )
 
 
 REMEDIES = {reason: reason.remedy for reason in StopReason}
 
 
-class Severity(enum.IntEnum):
-    """How bad a reason is: of several the worst is kept, and only an operator ends what is above BLOCKED."""
-
-    NONE = 0
-    MISSING = 1  # may end by its return
-    BLOCKED = 2  # ends by a new start, also that of a mission whose permission lasts
-    WRONG = 3
-    OPERATOR = 4
-    EMERGENCY = 5
-
-
 GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)  # the ordinary deceleration is enough
-MISSING = (
-    *(StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.ODOM_TIMEOUT),
-    StopReason.NOT_LOCALISED,
-)
-SEVERITY: dict[enum.StrEnum, Severity] = {
-    **dict.fromkeys((StopReason.NONE, StopReason.END_OF_PATH), Severity.NONE),
-    **dict.fromkeys(MISSING, Severity.MISSING),
-    **dict.fromkeys(
-        (StopReason.OBSTACLE, StopReason.LOCALISATION_DEGRADED, StopReason.POSE_UNCERTAIN), Severity.BLOCKED
-    ),
-    StopReason.OPERATOR: Severity.OPERATOR,
-    StopReason.EMERGENCY_STOP: Severity.EMERGENCY,
-}  # else WRONG
-
-
 FINE = Verdict(StopReason.NONE)
 
 
@@ -185,4 +184,4 @@ def first_of(*verdicts: Verdict) -> Verdict:
 
 def severity_of(verdict: Verdict) -> Severity:
     """Return how bad it is."""
-    return SEVERITY.get(verdict.reason, Severity.WRONG)
+    return StopReason(verdict.reason).severity

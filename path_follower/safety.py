@@ -10,12 +10,14 @@ import math
 
 import numpy as np
 
-from path_follower.consistency import Doubt
+from path_follower.consistency import Doubt, MotionConsistency
 from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, SEARCH_WINDOW, SENSOR_SILENCE
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, blocked, first_of, over
+from path_follower.vehicle import Predictor
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED, Reason, State, Verdict
 
@@ -23,29 +25,48 @@ from sphere_nav.localization.status import TRUSTED, Reason, State, Verdict
 class SafetyMonitor:
     """What was received last, and when. Judges whether the vehicle may move."""
 
-    def __init__(self, params: FollowerParams) -> None:
+    def __init__(self, params: FollowerParams, predictor: Predictor) -> None:
         """Begin with nothing received."""
         self.params = params
+        self.consistency = MotionConsistency(params, predictor)
         self.is_emergency = False
         self.outside = FINE  # what others do that the vehicle must not drive with
         self.reset()
 
     def reset(self) -> None:
         """Forget all inputs but the emergency stop, as after a jump of the clock."""
-        self.pose: Pose2 | None = None
+        self.T_map_base: SE3 | None = None
+        self.speed: float | None = None  # m/s, as measured with the pose
         self.pose_ns = self.status_ns = self.scan_ns = self.degraded_ns = self.blind_ns = -1
         self.state = self.state_reason = self.refusal = self.scan_refusal = self.map_id = ""
         self.is_pose_bad = False
         self.doubt = Doubt()  # of the last pose, against odometry and commands
         self.points = np.empty((0, 2))
+        self.consistency.reset()
 
-    def see_pose(self, pose: Pose2, time_ns: int) -> bool:
-        """Accept a pose; return False for one that is not newer than the last, or not a number."""
-        self.is_pose_bad = not all(map(math.isfinite, pose))
+    @property
+    def pose(self) -> Pose2 | None:
+        """The pose on the ground."""
+        return None if self.T_map_base is None else Pose2.of(self.T_map_base)
+
+    def see_pose(
+        self,
+        T_map_base: SE3,
+        time_ns: int,
+        speed: float | None = None,
+        covariance: Array | None = None,
+        *,
+        is_driving: bool = False,
+    ) -> None:
+        """Accept a pose; one that is not newer than the last, or not a number, is not kept.
+
+        `covariance` (3, 3) of (x, y, yaw) in the vehicle's axes, None: not stated. `is_driving`: by our commands.
+        """
+        self.is_pose_bad = not np.isfinite(T_map_base.matrix).all()
         if self.is_pose_bad or time_ns <= self.pose_ns:
-            return False
-        self.pose, self.pose_ns, self.refusal = pose, time_ns, ""
-        return True
+            return
+        self.T_map_base, self.pose_ns, self.speed, self.refusal = T_map_base, time_ns, speed, ""
+        self.doubt = self.consistency.see_pose(Pose2.of(T_map_base), covariance, time_ns, is_driving=is_driving)
 
     def refuse_pose(self, why: str, *, is_bad: bool) -> None:
         """Note a pose that cannot be used; one that is `is_bad` stops at once, else the silence that follows does."""
@@ -118,17 +139,19 @@ class SafetyMonitor:
     def judge_path(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
         """Return the first reason against motion from a place on a path at a speed: its map, the place, the way."""
         place = first_of(self.judge_map(path), self.judge_place(location))
-        if place is not FINE or not len(self.points) or self.pose is None:
+        pose = self.pose
+        if place is not FINE or not len(self.points) or pose is None:
             return place
         distance = stopping_distance(speed, self.params)  # in the footprint swept until the vehicle could stop
-        return blocked(points_in_way(self.points, self.pose, path, location, distance, self.params))
+        return blocked(points_in_way(self.points, pose, path, location, distance, self.params))
 
     def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
-        assert self.pose is not None
-        here = path.advance(self.pose, last, SEARCH_WINDOW) if last is not None else None
+        pose = self.pose
+        assert pose is not None
+        here = path.advance(pose, last, SEARCH_WINDOW) if last is not None else None
         if here is None or self.judge_place(here) is not FINE:
-            here = path.locate(self.pose)
+            here = path.locate(pose)
         if here is None:
             return first_of(self.judge_map(path), Verdict(StopReason.OFF_PATH, math.pi, MAX_OFF_HEADING)), None
         return self.judge_path(path, here, 0.0), here

@@ -21,6 +21,7 @@ from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 from path_follower.taught import Given, make_path
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
 LENGTH_M = 150.0  # of each drive
@@ -50,7 +51,7 @@ class Drive:
         self.follower = Follower(params, make_path(Given(road(self.rng, LENGTH_M)), params))
         self.wheels = WheelOdometry(ODOMETRY_NS / SECOND, seed, WheelErrors(slip=SLIP))
         self.command, self.last_state = VehicleCommand(), FollowerState.IDLE
-        self.pending: list[tuple[int, Pose2]] = []
+        self.pending: list[tuple[int, SE3]] = []
         self.stops: list[str] = []
 
     def run(self, seconds: float) -> None:
@@ -69,10 +70,10 @@ class Drive:
     def _sense(self) -> None:
         if self.has_odometry and self.now % ODOMETRY_NS == 0:
             motion = self.wheels.speed, self.wheels.yaw_rate
-            self.follower.consistency.see_odometry(Pose2(*self.wheels.pose), *motion, self.now)
+            self.follower.watch.consistency.see_odometry(Pose2(*self.wheels.pose), *motion, self.now)
         if self.now % self.period_ns == 0 and self.rng.random() >= LOST:
             state = self.vehicle.state
-            self.pending.append((self.now, Pose2(*self.rng.normal([state.x, state.y, state.yaw], NOISE))))
+            self.pending.append((self.now, SE3.from_planar(*self.rng.normal([state.x, state.y, state.yaw], NOISE))))
 
     def _tick(self) -> None:
         follower = self.follower

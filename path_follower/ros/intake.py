@@ -121,7 +121,7 @@ class PoseIntake:
             raise ValueError(f"odom: child_frame_id: expected {expected!r}, found {found!r}")
         T_odom_base, twist = conversions.odometry_to_se3(message)
         time = time_of(conversions.stamp_ns(message), self._answered.endpoints)
-        self._follower.consistency.see_odometry(Pose2.of(T_odom_base), float(twist[0]), float(twist[5]), time)
+        self._watch.consistency.see_odometry(Pose2.of(T_odom_base), float(twist[0]), float(twist[5]), time)
 
     def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
         """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
@@ -137,7 +137,7 @@ class PoseIntake:
                 self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
-        self._follower.see_pose(Pose2.of(T_map_base), time, speed, covariance[PLANAR])
+        self._follower.see_pose(T_map_base, time, speed, covariance[PLANAR])
         self._poses.append(stamp)
         self._see_paired()
         self._answered.answer_pose(stamp)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from path_follower.modes import BRAKING, WITHDRAWN, FollowerState
 from path_follower.params import FrontParams
 from path_follower.path import Pose2
-from path_follower.reasons import SEVERITY, Severity, StopReason
+from path_follower.reasons import Severity, StopReason
 from path_follower.routes.constants import (
     ADVANCED,
     BEHIND_FRONT,
@@ -40,7 +40,7 @@ from sphere_nav.localization.status import State
 
 UNDER_WAY = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED, FollowerState.STOPPING)
 ON_THE_MOVE = (FollowerState.DRIVING, FollowerState.SLOW)
-WAITED_FOR = tuple(reason for reason, severity in SEVERITY.items() if 0 < severity <= Severity.BLOCKED)
+WAITED_FOR = tuple(reason for reason in StopReason if 0 < reason.severity <= Severity.BLOCKED)
 RETRIED = (*WAITED_FOR, BRAKING)
 SILENT = "no status of path_follower: see that it runs"
 NO_ROUTE = Route(())

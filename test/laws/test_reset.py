@@ -85,7 +85,7 @@ def camera_stream() -> CameraStream:
 RESETS: dict[str, tuple[Any, Any, str]] = {
     "Agreement": (Agreement, "clear", "max_gap_ns"),
     "Answered": (lambda: Answered(None, print, print), "forget", "endpoints answer catch_up is_patient"),
-    "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode path location measured_speed"),
+    "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode path location"),
     "CameraStream": (camera_stream, "forget_camera",
                      "endpoints params tf odometry on_picture on_refusal name lens place images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
@@ -119,7 +119,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionParams()), "reset", "map params"),
     "RigIntake": (lambda: RigIntake(vertical_rig(), SphereStitcherParams(), None, None, None), "clear",
                   "rig params T_rig_lidar now_ns lookup on_instants has_points levels"),
-    "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),
+    "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER, None), "reset", "params is_emergency outside"),
     "SimulatedTicks": (lambda: SimulatedTicks(0.1, 0.1), lambda one: one.restart(0), "silence_ns period_ns"),
     "StateMachine": (lambda: StateMachine(StateParams()), "reset", "params"),
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",

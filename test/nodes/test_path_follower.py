@@ -141,10 +141,12 @@ def test_odometry_can_be_the_source_and_brings_the_speed():
     bench.send(("/reference_path", straight()))
     list(bench.bus.advance(SECOND))
     twist = np.array([0.7, 0, 0, 0, 0, 0])
-    message = se3_to_odometry(SE3.from_planar(1, 0, 0), COVARIANCE, SECOND, ("map", "base_link"), twist)
+    T_map_base = SE3.from_angles(0.1, -0.2, 0.0, [1.0, 0.0, 0.0])
+    message = se3_to_odometry(T_map_base, COVARIANCE, SECOND, ("map", "base_link"), twist)
     bench.send(("/odometry", message))
     assert bench.node.loop.follower.watch.pose.x == 1.0
-    assert bench.node.loop.follower.measured_speed == pytest.approx(0.7)
+    np.testing.assert_allclose(bench.node.loop.follower.watch.T_map_base.matrix, T_map_base.matrix, atol=1e-12)
+    assert bench.node.loop.follower.watch.speed == pytest.approx(0.7)
     bench.send(("/odometry", se3_to_odometry(SE3.identity(), COVARIANCE, 2 * SECOND, ("odom", "base_link"))))
     assert bench.node.loop.follower.watch.pose.x == 1.0
 

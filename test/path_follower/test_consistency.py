@@ -271,13 +271,13 @@ def make_follower(kit):
 
 def test_an_uncertain_pose_does_not_start_and_a_doubtful_one_drives_slowly_for_a_limited_time(kit):
     follower, now = make_follower(kit), SECOND
-    follower.see_pose(Pose2(1, 0, 0), now, None, np.diag([1e6, 1e6, 1e-4]))
+    follower.see_pose(SE3.from_planar(1, 0, 0), now, None, np.diag([1e6, 1e6, 1e-4]))
     assert follower.start(now).startswith("POSE_UNCERTAIN: standard deviation 1e+03 m, limit 1:")
     x, verdicts, limit = 1.0, [], 10.0
     for k in range(1, round(10 * limit) + 25):
         now += STEP
         follower.watch.see_status("TRACKING", now)
-        follower.see_pose(Pose2(x, 0, 0), now, None, np.diag([0.49, 0.49, 1e-4]))
+        follower.see_pose(SE3.from_planar(x, 0, 0), now, None, np.diag([0.49, 0.49, 1e-4]))
         if k == 1:
             assert follower.start(now) == ""
         command = follower.tick(now)
@@ -293,7 +293,7 @@ def test_an_uncertain_pose_does_not_start_and_a_doubtful_one_drives_slowly_for_a
 def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit):
     follower = make_follower(kit)
     object.__setattr__(follower.path, "map_id", "yard")
-    follower.see_pose(Pose2(1, 0, 0), SECOND)
+    follower.see_pose(SE3.from_planar(1, 0, 0), SECOND)
     for map_id, answer in (
         ("street", "WRONG_MAP: the path is of map yard, the pose of street"),
         ("", ""),

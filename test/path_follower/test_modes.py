@@ -182,8 +182,6 @@ def test_the_words_are_those_of_the_message():
     for state in FollowerState:
         assert getattr(messages.FollowerStatus, state.value) == state.value
         assert isinstance(getattr(messages.FollowerStatus, f"CODE_{state.value}"), int)
-    for reason in StopReason:
-        assert not reason or getattr(messages.FollowerStatus, reason.value) == reason.value
 
 
 def test_what_is_found_while_nothing_drives_is_no_news():

@@ -10,15 +10,21 @@ from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Location, Pose2
 from path_follower.reasons import FINE, REMEDIES, StopReason, describe
 from path_follower.safety import SafetyMonitor
+from path_follower.vehicle import Predictor
+from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Verdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
 
 
+def make_watch(params=PARAMS):
+    return SafetyMonitor(params, Predictor(params.vehicle, params.actuation))
+
+
 def good_watch(params=PARAMS):
-    watch = SafetyMonitor(params)
-    assert watch.see_pose(Pose2(0, 0, 0), 10 * SECOND)
+    watch = make_watch(params)
+    watch.see_pose(SE3.from_planar(0, 0, 0), 10 * SECOND)
     watch.see_status("TRACKING", 10 * SECOND)
     return watch
 
@@ -34,7 +40,7 @@ def test_degraded_is_slow_and_limited_in_time():
     watch, limit = good_watch(), 10.0
     for k in range(round(limit) + 3):
         now = (10 + k) * SECOND
-        watch.see_pose(Pose2(0, 0, 0), now)
+        watch.see_pose(SE3.from_planar(0, 0, 0), now)
         watch.see_status("DEGRADED", now)
         assert watch.is_slow
         verdict = watch.judge_inputs(now)
@@ -48,18 +54,29 @@ def test_degraded_is_slow_and_limited_in_time():
 def test_an_old_pose_stops_by_its_stamp_even_if_it_comes_again():
     watch = good_watch()
     late = 10 * SECOND + round(1.1e9 * PARAMS.safety.max_pose_silence)
-    assert not watch.see_pose(Pose2(0, 0, 0), 10 * SECOND)  # the same stamp again: frozen
+    watch.see_pose(SE3.from_planar(0, 0, 0), 10 * SECOND)  # the same stamp again: frozen
     verdict = watch.judge_inputs(late)
     assert verdict.reason is StopReason.POSE_TIMEOUT
     assert verdict.value == pytest.approx(1.1 * PARAMS.safety.max_pose_silence)
 
 
+def test_what_a_reason_may_need_is_known_the_tilt_of_the_pose_its_speed_and_the_wheels():
+    watch, T_map_base = good_watch(), SE3.from_angles(0.1, -0.2, 0.3, [1.0, 2.0, 3.0])
+    watch.see_pose(T_map_base, 11 * SECOND, 0.7)
+    watch.consistency.see_odometry(Pose2(5.0, 0.0, 0.0), 0.6, 0.1, 11 * SECOND)
+    assert (watch.T_map_base, watch.speed, watch.pose) == (T_map_base, 0.7, Pose2(1.0, 2.0, pytest.approx(0.3)))
+    assert watch.consistency.wheels_at(11 * SECOND)[1:] == (0.6, 0.1)
+    watch.reset()
+    assert (watch.T_map_base, watch.speed, watch.pose, watch.consistency.wheels_at(11 * SECOND)) == (None,) * 4
+
+
 def test_a_pose_that_is_no_number_stops_and_is_not_kept():
     for pose in [Pose2(math.nan, 0, 0), Pose2(0, math.inf, 0), Pose2(0, 0, math.nan)]:
         watch = good_watch()
-        assert not watch.see_pose(pose, 11 * SECOND)
+        watch.see_pose(SE3.from_planar(*pose), 11 * SECOND)
         assert watch.judge_inputs(10 * SECOND).reason is StopReason.BAD_POSE
-        assert watch.see_pose(Pose2(0, 0, 0), 12 * SECOND)
+        assert watch.pose == Pose2(0, 0, 0)
+        watch.see_pose(SE3.from_planar(0, 0, 0), 12 * SECOND)
         watch.see_status("TRACKING", 12 * SECOND)
         assert watch.judge_inputs(12 * SECOND) is FINE
 
@@ -71,7 +88,7 @@ def test_a_scan_that_was_there_and_has_gone_stops():
 
 
 def test_an_emergency_stop_comes_first_and_survives_a_reset():
-    watch = SafetyMonitor(PARAMS)
+    watch = make_watch()
     watch.is_emergency = True
     watch.reset()
     assert watch.judge_inputs(SECOND).reason is StopReason.EMERGENCY_STOP
@@ -115,7 +132,7 @@ def test_a_drive_on_predicted_poses_is_limited_in_time():
     watch, limit = good_watch(), PARAMS.safety.max_blind_time
     for age in (0.1, 0.2, 0.3, 0.4):
         now = 10 * SECOND + round(age * SECOND)
-        watch.see_pose(Pose2(0, 0, 0), now)
+        watch.see_pose(SE3.from_planar(0, 0, 0), now)
         watch.see_status("DEGRADED", now, "LOW_OVERLAP", age)
         verdict = watch.judge_inputs(now)
         assert (verdict is FINE) == (age <= limit)
@@ -129,7 +146,7 @@ def test_blindness_counts_from_the_last_image_that_confirmed_the_pose_but_not_fr
     watch = good_watch()
     watch.see_status("TRACKING", 10 * SECOND + 300_000_000, "GAP", 0.2)
     assert watch.judge_inputs(10 * SECOND + 440_000_000).value == pytest.approx(0.44)  # no pose for so long
-    watch.see_pose(Pose2(0, 0, 0), 10 * SECOND + 440_000_000)
+    watch.see_pose(SE3.from_planar(0, 0, 0), 10 * SECOND + 440_000_000)
     assert watch.judge_inputs(10 * SECOND + 440_000_000) is FINE  # 0.2 + 0.14 s
     assert watch.judge_inputs(10 * SECOND + 460_000_000).value == pytest.approx(0.36)
     fresh = good_watch()
@@ -163,8 +180,8 @@ def test_a_scan_that_cannot_be_used_is_none_at_once_where_there_never_was_one_an
 
 
 def test_a_localizer_that_says_nothing_is_no_reason_to_drive():
-    watch = SafetyMonitor(PARAMS)
-    watch.see_pose(Pose2(0, 0, 0), SECOND)
+    watch = make_watch()
+    watch.see_pose(SE3.from_planar(0, 0, 0), SECOND)
     verdict = watch.judge_inputs(SECOND)
     assert (verdict.reason, verdict.detail) == (StopReason.STATUS_TIMEOUT, "no status yet")
 
@@ -183,7 +200,7 @@ def test_a_localizer_that_says_nothing_is_no_reason_to_drive():
 def test_a_start_is_where_the_vehicle_stands_on_the_path(kit, pose, reason, has_driven):
     straight = kit.make_path([(0, 0), (40, 0)], PARAMS)
     watch = good_watch()
-    watch.see_pose(pose, 11 * SECOND)
+    watch.see_pose(SE3.from_planar(*pose), 11 * SECOND)
     last = straight.advance(Pose2(4.5, 0, 0), straight.begin_of(0), 10.0) if has_driven else None
     verdict, place = watch.find_start(straight, last)
     if reason is None:
@@ -197,7 +214,7 @@ def test_a_start_is_where_the_vehicle_stands_on_the_path(kit, pose, reason, has_
 
 def test_a_start_after_a_stop_is_looked_for_two_meters_ahead(kit):
     straight, watch = kit.make_path([(0, 0), (40, 0)], PARAMS), good_watch()
-    watch.see_pose(Pose2(7.2, 0, 0), 11 * SECOND)
+    watch.see_pose(SE3.from_planar(7.2, 0, 0), 11 * SECOND)
     last = straight.advance(Pose2(4.5, 0, 0), straight.begin_of(0), 10.0)
     assert watch.find_start(straight, last)[1].arc_length == pytest.approx(6.5, abs=0.11)  # one edge of 0.1 m
 

@@ -12,6 +12,7 @@ from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTraject
 
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.plausible import check_lengths
+from sphere_nav.localization.status import State
 from sphere_nav.ros.conversions.frames import check_frames as check_frames
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.ros.conversions.status import FACTS, told, with_codes
@@ -94,7 +95,7 @@ def guide_status_to_message(
     state = FollowerStatus.FINISHED if is_clear and advice.is_finished else FollowerStatus.DRIVING
     message.state, message.is_armed = state if is_clear else FollowerStatus.STOPPED, True
     if not is_clear:
-        message.reason = FollowerStatus.NOT_LOCALISED
+        message.reason = str(State.NOT_LOCALISED)
         message.value, message.limit = float(advice.lead) if advice is not None else 0.0, float(min_lead)
         message.remedy = "the places around the next waypoint look alike, or the image cannot be used"
     return with_codes(message)

@@ -397,7 +397,7 @@ def test_wheels_of_another_frame_are_refused():
     message = se3_to_odometry(SE3.from_planar(4, 5, 0.6), np.eye(6), bus.now_ns, ("odom", "base_link"), twist)
     bus.deliver("/odom", message)
     list(bus.settle())
-    time, T_odom_base, twist = node.loop.follower.consistency._odometry[-1]
+    time, T_odom_base, twist = node.loop.follower.watch.consistency._odometry[-1]
     assert (*Pose2.of(T_odom_base), twist[0], twist[5]) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
     assert time == node.loop.endpoints.own_ns()
     message.child_frame_id = "front_axle"
