@@ -35,7 +35,6 @@ PREDICTION_STEP = 0.02  # s; test_vehicle
 HISTORY_NS = 3_000_000_000  # of the commands that a prediction goes back to; test_vehicle
 MAX_RUN_NS = 10_000_000_000  # that the model of the car goes through at once: by then all lags are over; test_vehicle
 MAX_POSE_AGE = 0.5  # s that a pose is predicted to the present: somewhat more than max_pose_silence; test_vehicle
-SAME_SPEED = 1e-12  # m/s below which easing is at its goal; test_vehicle
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits: two images of 10 Hz; test_vehicle
 
 # Stops

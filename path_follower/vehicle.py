@@ -15,12 +15,12 @@ from path_follower.constants import (
     MAX_RUN_NS,
     MAX_STEP_NS,
     PREDICTION_STEP,
-    SAME_SPEED,
     STANDING,
     TURNED,
 )
 from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
+from sphere_nav.geometry.arrays import TINY
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Limiter:
         p, jerk = self.params, self.params.max_jerk
         while seconds > 0.0:
             left = goal - speed - self.gain * abs(self.gain) / (2.0 * jerk)
-            if abs(left) < SAME_SPEED:  # the gain falls, and then it is there
+            if abs(left) < TINY:  # the gain falls, and then it is there
                 rate, span = -math.copysign(jerk, self.gain), abs(self.gain) / jerk
                 if span <= seconds:
                     speed, self.gain = goal, 0.0

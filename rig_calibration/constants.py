@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_quality, drive/test_proof)
-
 # Corners in an image (boards/test_chessboard, test_charuco)
 HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
 AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
@@ -48,7 +46,6 @@ MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: bey
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 
 # Whether images are good (boards/test_quality, test_detect; chosen on five drawn sets of each flaw)
-QUARTILES_APART = 1.349  # standard deviations of a Gaussian
 SAMPLED_PX2 = 0.45  # variance in px^2 that samples of whole pixels add to that of an edge (boards/test_detect)
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised

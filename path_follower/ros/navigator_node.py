@@ -22,6 +22,7 @@ from path_follower.routes.network_file import network_path, read_network, to_geo
 from path_follower.routes.params import RouteNavigatorParams
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
+from sphere_nav.ros.constants import HEALTH_PERIOD
 from sphere_nav.ros.conversions import driving, header
 from sphere_nav.ros.conversions.status import told
 from sphere_nav.ros.endpoints import GoalCalls
@@ -36,7 +37,6 @@ except ImportError:  # not among the wheels, but where Nav2 is
 
 FOLLOWER = "path_follower"
 STANDING = (MissionState.HELD, MissionState.WAITING)
-STATUS_PERIOD = 1.0  # s between two equal messages
 NAV2_FAILED = 9001  # error_code of NavigateToPose; 9000 to 9099 are the navigator's
 
 
@@ -226,7 +226,7 @@ class RouteNavigator(ManagedNode):
         mission, now = self.mission, self.now()
         closed = [str(edge) for edge in sorted(mission.closed_now(now))]
         news = mission.state, mission.reason, mission.goal, mission.edge, mission.next_place, closed
-        if news == self.said and now - self.said_at < STATUS_PERIOD:
+        if news == self.said and now - self.said_at < HEALTH_PERIOD:
             return
         text, is_standing = f"{mission.state} {mission.reason}", mission.state in STANDING
         self.endpoints.tell("mission", WARN if is_standing and mission.reason else OK, text.strip(), text)

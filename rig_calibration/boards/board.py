@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import (
+    MAX_DIGITS,
     MAX_FILE_BYTES,
     load_yaml,
     mapping,
@@ -23,7 +24,7 @@ from sphere_nav.geometry.files.untrusted import (
     told_at,
 )
 
-MAX_CORNERS, MAX_DIGITS = 1000, 9  # in a row of a board; characters of their number
+MAX_CORNERS = 1000  # in a row of a board
 MAX_SQUARE = 10.0  # m; more are millimetres
 KINDS = ("chessboard", "charuco")
 

@@ -15,10 +15,10 @@ from rig_calibration.constants import (
     HALF_WINDOW,
     MIN_CORNERS,
     MIN_SPACING_PX,
-    QUARTILES_APART,
     REFINEMENT,
     SAMPLED_PX2,
 )
+from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.geometry.arrays import Array, Bytes, Flags
 
 
@@ -142,5 +142,5 @@ def edge_width(gray: Bytes, board: Board, corners: Indices, pixels: Array) -> fl
     widths = [
         cv2.estimateChessboardSharpness(gray, size, grid, 0.5, is_vertical)[0][0] for is_vertical in (False, True)
     ]
-    width = max(widths) / QUARTILES_APART
+    width = 0.5 * SIGMA_OF_MAD * max(widths)
     return float(np.sqrt(max(width**2 - SAMPLED_PX2, 0.0))) if width < max(gray.shape) else float("nan")

@@ -21,7 +21,6 @@ from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, Indices
 from rig_calibration.constants import (
-    FALSE_ALARM,
     MAX_BLUR_SHARE,
     MAX_HALVES_DEG,
     MAX_HALVES_FOCAL,
@@ -30,7 +29,7 @@ from rig_calibration.constants import (
     MIN_GOOD_VIEWS,
     MIN_TILT_DEG,
 )
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import RARE, squared_mahalanobis
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.photometric.constants import CELLS
@@ -116,7 +115,7 @@ def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses:
     """Return a line for every camera whose joint lens (C, 12) disagrees with its own; one alone has no other."""
     lines = []
     for name, single, lens in zip(names, singles, lenses, strict=True):
-        if len(names) > 1 and (chance := lens_chance(single, lens)) < FALSE_ALARM:
+        if len(names) > 1 and (chance := lens_chance(single, lens)) < RARE:
             moved = ", ".join(f"{change:+.2f}" for change in (lens - lens_of(single.camera))[:4])
             found = f"fx, fy, cx, cy moved by {moved} px (chance {chance:.1g})"
             lines.append(f"{name}: by itself and with the others it is not the same camera: {found}")

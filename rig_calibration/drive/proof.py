@@ -17,7 +17,6 @@ from scipy.special import huber, ndtr, stdtrit
 
 from rig_calibration.constants import (
     APART,
-    FALSE_ALARM,
     LENS_GRID,
     LENS_STEPS,
     MIN_HALF,
@@ -30,6 +29,7 @@ from rig_calibration.constants import (
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
 from rig_calibration.drive.drive_lens import MAP, Lens
 from rig_calibration.drive.refinement import RefinedCamera, refine_camera
+from sphere_nav.estimation.gates import RARE
 from sphere_nav.estimation.robust import HUBER, weigh
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
@@ -55,7 +55,7 @@ class LensProof:
             (
                 self.evidence >= self.limit,
                 "held-out images: expected what one half of the drive finds to explain the other half better than the "
-                f"given lens, t >= {self.limit:.1f} (false alarm {FALSE_ALARM:.1%}), found {self.evidence:.1f}",
+                f"given lens, t >= {self.limit:.1f} (false alarm {RARE:.1%}), found {self.evidence:.1f}",
             ),
             (
                 self.apart_px <= near,
@@ -111,7 +111,7 @@ def prove(
         _widen(found, halves, len(gains), held),
         (halves[0], halves[1]),
         float(np.mean(gains)) / deviation,
-        float(stdtrit(len(gains) - 1, 1.0 - FALSE_ALARM)),
+        float(stdtrit(len(gains) - 1, 1.0 - RARE)),
         float(np.mean(moved)),
         lens_distance(halves[0], halves[1], speed),
         max_readout,

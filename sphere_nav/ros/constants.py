@@ -42,7 +42,9 @@ SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publi
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
-LOG_PERIOD_S = 5.0  # between two equal lines of the log, and two of requests that failed alike (test_node)
+LOG_PERIOD_S = (
+    5.0  # between two equal lines of the log, explanations too, and two of requests that failed alike (test_node)
+)
 
 # Bags that are played and recorded (bags/test_player_node, bags/test_player, bags/test_writer)
 PLAY_TICK = 0.005  # s between two looks at what is due
@@ -60,5 +62,4 @@ END_PATIENCE_S = 30.0  # s for a node to end after SIGINT: a recorder completes 
 MAX_RESTARTS = 5  # of one node; more would hide that something is broken
 
 # Diagnostics and the log (test_qos, test_service)
-HEALTH_PERIOD = 1.0  # s between two diagnostics
-EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
+HEALTH_PERIOD = 1.0  # s between two diagnostics, or two equal words of one node

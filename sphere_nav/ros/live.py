@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
-from sphere_nav.ros.constants import EXPLAIN_PERIOD
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.endpoints import OK, WARN, Entry
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.rclpy_shell import RclpyShell
@@ -154,5 +154,5 @@ class LiveShell(RclpyShell, LifecycleNode):
         level, text = OK if self.is_active else WARN, label
         if self.is_time_simulated and self.now_ns() == 0:
             level, text = WARN, "waiting for /clock (use_sim_time is true): no time yet"
-            self.log.warning(text, every=EXPLAIN_PERIOD)
+            self.log.warning(text, every=LOG_PERIOD_S)
         return [("lifecycle", (level, text, {"state": label}))]

@@ -22,7 +22,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sphere_nav.params import build, leaves
 from sphere_nav.ros import qos
 from sphere_nav.ros.actions import serve_action
-from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
+from sphere_nav.ros.constants import HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, Entry, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
@@ -264,7 +264,7 @@ def examine_input(shell: Any, wanted: Subscription) -> Entry:
     publishers = () if is_present else shell.get_publishers_info_by_topic(topic)
     if wanted.is_missing or wanted.incompatible(publishers):
         level, text = WARN, wanted.explain(topic, publishers)
-        shell.log.warning(text, every=EXPLAIN_PERIOD, key=f"waiting {topic}")
+        shell.log.warning(text, every=LOG_PERIOD_S, key=f"waiting {topic}")
     elif wanted.num_refused_in_row > (MAX_REFUSED if wanted.num_refused < wanted.num_received else 0):
         level, text = ERROR, f"last {wanted.num_refused_in_row} messages refused: {wanted.last_refusal}"
     elif wanted.num_lost_lately:

@@ -30,7 +30,7 @@ MAX_WHOLE, MAX_PARTIAL = 82.0, 130.0  # px per radian of a whole sphere and of o
 FINE_FACTOR = 3.0  # times as many in images taken shortly after each other: what is seen again from nearby is finer
 MIN_FEATURE_SIDE = 64  # px that an image keeps
 FEATURE_SEAM = 64  # px by which a whole sphere is continued on either side
-MAX_FEATURE_ELEVATION = np.radians(60.0)  # nearer to the poles a whole sphere is drawn too wide
+MAX_ELEVATION = np.radians(60.0)  # nearer to the poles a sphere is drawn too wide, and nothing tells headings apart
 CONTRAST = 0.02  # of SIFT, half of OpenCV's: walls in the shade count, too
 
 # Words and what is alike (appearance/test_features, appearance/test_index)
@@ -59,7 +59,6 @@ FADING = 0.5  # weight of what a key sphere explained in earlier drives, with ea
 
 # Headings at which an image looks as in a sphere, in any light (appearance/test_headings)
 GRID_WIDTH = 256  # columns of the grid: 1.4 degrees
-MAX_GRID_ELEVATION = np.radians(60.0)  # nearer to the poles nothing tells headings apart
 CELL_SIDE = 10  # of the grid: 14 degrees
 CELL_REACH = (4, 2)  # columns and rows by which a cell may lie beside its place: the viewpoint differs
 SOFT_GRADIENT = 2.0  # grey levels over two columns, at which a gradient counts half

@@ -30,7 +30,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav_tools.cli.constants import (
     GUESS_S,
     MAX_GUESSES,
-    MAX_KNOWN,
     MAX_OUTSIDE,
     MAX_VISITORS,
     MIN_TOKEN,
@@ -70,7 +69,7 @@ class Gate:
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
         self._paid_at: dict[str, float] = {}  # by network: when its wrong tokens are forgotten, one each GUESS_S
-        self._known = deque[int](maxlen=MAX_KNOWN)  # wrong ones: an old page that reconnects is no new guess
+        self._known = deque[int](maxlen=MAX_VISITORS)  # wrong ones: an old page that reconnects is no new guess
 
     def admit(self, connection: Any, request: Any) -> Any:
         """Return the answer that refuses a request; None where it goes on, the token taken off its path."""

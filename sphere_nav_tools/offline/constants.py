@@ -26,7 +26,7 @@ MAX_PAIRS = 400  # of the drive's beginning
 
 # A driving camera by its drive in a map (cli/test_refine_camera)
 MAX_PAUSE_S = 0.3  # between two images that tell a velocity
-MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
+MAX_POSE_GAP_NS = 200_000_000  # between two poses that tell one between them
 REFINE_ROUNDS = 3  # of localizing with the lens found so far and refining it
 SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach of its alignment
 

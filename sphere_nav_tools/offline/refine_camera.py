@@ -29,7 +29,7 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.spheres.sphere import to_gray_bytes
-from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
+from sphere_nav_tools.offline.constants import MAX_PAUSE_S, MAX_POSE_GAP_NS, REFINE_ROUNDS, SETTLED_PX
 from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.tables import progress, quantity_lines
@@ -143,7 +143,7 @@ def mounting_by_odometry(
     given = read_mounting(arguments.mounting)
     if given is None and recorded.frames.is_connected(BASE_FRAME, recorded.frame_id):
         given = recorded.frames.lookup(BASE_FRAME, recorded.frame_id) @ T_BODY_OPTICAL.inverse()
-    base, is_known = read_poses(Path(arguments.source), (recorded.odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
+    base, is_known = read_poses(Path(arguments.source), (recorded.odometry,)).at(camera.stamps_ns, MAX_POSE_GAP_NS)
     T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
     try:
         return find_mounting(T_map_body, base.T_map_body, given), ""

@@ -51,7 +51,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "covariances of others": (lambda: Trajectory(np.arange(1), SE3(np.eye(4)[None]), np.eye(6)), "1 covariances"),
     # values of text files
     "not JSON": (lambda: untrusted.load_json("x", "{"), "x: expected JSON"),
-    "a long YAML": (lambda: untrusted.load_yaml("x", " " * (untrusted.MAX_TEXT + 1)), "of at most .* characters"),
+    "a long YAML": (lambda: untrusted.load_yaml("x", " " * (untrusted.MAX_FILE_BYTES + 1)), "of at most .* characters"),
     "a long word": (lambda: untrusted.load_yaml("x", "a" * (untrusted.MAX_WORD + 1)), "a word of"),
     "many aliases": (lambda: untrusted.load_yaml("x", f"a: &a 1\nb: [{'*a, ' * 20_000}]"), "more than .* aliases"),
     "a field too many": (lambda: untrusted.mapping({"a": 1, "b": 2}, "x", ["a"]), "x.b: expected only a"),

@@ -8,10 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.cameras.pinhole import PlaneCamera
-
-MIN_SINE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,8 @@ class Fisheye(PlaneCamera):
 
     def depths(self, points: Array) -> Array:
         """Return what x and y of points (..., 3) are divided by to be as long as the angle is; NaN straight behind."""
-        sine = np.maximum(np.hypot(points[..., 0], points[..., 1]), MIN_SINE)
-        is_one_place = (sine > MIN_SINE) | (points[..., 2] > 0)  # straight behind is a whole circle
+        sine = np.maximum(np.hypot(points[..., 0], points[..., 1]), TINY)
+        is_one_place = (sine > TINY) | (points[..., 2] > 0)  # straight behind is a whole circle
         return np.where(is_one_place, sine / np.arctan2(sine, points[..., 2]), np.nan)
 
     def rays(self, plane: Array) -> Array:

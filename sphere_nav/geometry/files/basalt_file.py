@@ -15,7 +15,7 @@ from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import RigCamera
 from sphere_nav.geometry.files.foreign_cameras import Posed, camera_at, refuse_model
-from sphere_nav.geometry.files.untrusted import read_as, required
+from sphere_nav.geometry.files.untrusted import ROTATION_TOLERANCE, read_as, required
 from sphere_nav.geometry.se3 import SE3
 
 FURTHER: dict[str, tuple[str, ...]] = {
@@ -26,7 +26,6 @@ FURTHER: dict[str, tuple[str, ...]] = {
     "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
 QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
-NORM_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -84,6 +83,6 @@ def _place(pose: Mapping[str, float], where: str) -> SE3:
     given = required(pose, where, (*POSITION, *QUATERNION))
     xyzw = np.array([given[field] for field in QUATERNION])
     norm = float(np.linalg.norm(xyzw))
-    if abs(norm - 1.0) > NORM_TOLERANCE:
+    if abs(norm - 1.0) > ROTATION_TOLERANCE:
         raise ValueError(f"{where}: expected a unit quaternion, found one of length {norm:.4g}")
     return SE3.from_quaternion(xyzw / norm, [given[field] for field in POSITION])

@@ -123,7 +123,6 @@ def _check(found: os.stat_result, path: AnyPath, what: str, max_bytes: int) -> N
         raise ValueError(f"{path}: expected a {what} of at most {max_bytes} bytes, found {found.st_size}")
 
 
-MAX_TEXT = 1 << 20  # characters
 MAX_DEPTH = 32
 MAX_ALIASES = 64  # each stands for a part of the text, as none stands for another
 MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
@@ -147,8 +146,8 @@ class StrictLoader(Base):  # type: ignore[misc]
 
 def load_yaml(where: object, text: str) -> Any:
     """Return the values of a YAML text; ValueError in one line, with `where` it stands, for anything else."""
-    if len(text) > MAX_TEXT:
-        raise ValueError(f"{where}: expected YAML of at most {MAX_TEXT} characters, found {len(text)}")
+    if len(text) > MAX_FILE_BYTES:
+        raise ValueError(f"{where}: expected YAML of at most {MAX_FILE_BYTES} characters, found {len(text)}")
     try:
         _check_events(text)
         return yaml.load(text, Loader=StrictLoader)

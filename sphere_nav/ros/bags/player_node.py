@@ -15,7 +15,7 @@ from sphere_nav.ros.constants import (
     ACKNOWLEDGE_S,
     ACKNOWLEDGED_SIZE,
     CLOCK_PERIOD,
-    EXPLAIN_PERIOD,
+    LOG_PERIOD_S,
     PLAY_BUSY,
     PLAY_TICK,
     SETTLE,
@@ -159,7 +159,7 @@ class BagPlayer(ManagedNode):
         absent = sorted(name for name in self.wait_for if not self.outputs[name].num_subscriptions)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
         values = {"done": self.done, "total": self.total}
-        self.endpoints.tell("player", WARN if absent else OK, text, text * bool(absent), every=EXPLAIN_PERIOD, **values)
+        self.endpoints.tell("player", WARN if absent else OK, text, text * bool(absent), every=LOG_PERIOD_S, **values)
         if absent:
             self.begin_at = time.monotonic() + SETTLE
             return True

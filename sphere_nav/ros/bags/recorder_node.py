@@ -13,7 +13,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.writer import free_path
-from sphere_nav.ros.constants import EXPLAIN_PERIOD, FLUSH_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
+from sphere_nav.ros.constants import FLUSH_PERIOD, LOG_PERIOD_S, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
@@ -105,7 +105,7 @@ class BagRecorder(ManagedNode):
         words = "; ".join([text, *losses])
         change = " ".join([*absent, *(line.split()[0] for line in losses)])
         level, num_messages = WARN if change else OK, self.bag.num_messages
-        self.endpoints.tell("recording", level, words, change, every=EXPLAIN_PERIOD, messages=num_messages)
+        self.endpoints.tell("recording", level, words, change, every=LOG_PERIOD_S, messages=num_messages)
 
     def _losses(self) -> list[str]:
         """Return a line for each topic of which messages were published that never arrived."""

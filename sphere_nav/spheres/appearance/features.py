@@ -19,7 +19,7 @@ from sphere_nav.spheres.constants import (
     CONTRAST,
     FEATURE_SEAM,
     FINE_FACTOR,
-    MAX_FEATURE_ELEVATION,
+    MAX_ELEVATION,
     MAX_FEATURES,
     MAX_PARTIAL,
     MAX_WHOLE,
@@ -99,7 +99,7 @@ def features_of_image(
     column, row = np.rint(pixels).astype(np.int64).T
     is_usable = (column >= 0) & (column < camera.width) & ~np.isnan(rays[:, 0])  # SIFT finds none at a border
     if pad:
-        is_usable &= np.abs(rays[:, 2]) < np.sin(MAX_FEATURE_ELEVATION)
+        is_usable &= np.abs(rays[:, 2]) < np.sin(MAX_ELEVATION)
     if is_seen is not None:
         is_usable[is_usable] = is_seen[row[is_usable], column[is_usable]]
     strength = np.array([point.response for point in found])

@@ -26,7 +26,7 @@ from sphere_nav.spheres.constants import (
     CELL_REACH,
     CELL_SIDE,
     GRID_WIDTH,
-    MAX_GRID_ELEVATION,
+    MAX_ELEVATION,
     MIN_CELL_EDGES,
     SOFT_GRADIENT,
     STRONG_SHARE,
@@ -137,7 +137,7 @@ def _draw(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> tuple[Flo
 def _rays() -> Array:
     """Return the unit rays (H, W, 3) of the grid, without its poles."""
     rays = pixel_rays(GRID)
-    return rays[np.abs(rays[:, 0, 2]) < np.sin(MAX_GRID_ELEVATION)]
+    return rays[np.abs(rays[:, 0, 2]) < np.sin(MAX_ELEVATION)]
 
 
 def _shrink(image: Floats, camera: Camera) -> tuple[Floats, Camera]:

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry.arrays import Array, Floats, Integers
+from sphere_nav.geometry.arrays import TINY, Array, Floats, Integers
 from sphere_nav.spheres.appearance.dictionary import Dictionary
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import MAX_REPEATS, MAX_RISE, NUM_TURN_BINS, TURN_WINDOW
-
-MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
 
 
 @dataclass(frozen=True)
@@ -110,11 +108,11 @@ def log_tail(counts: Integers, means: Array) -> Array:
 
     The sum m^k / k! from the count on, by its first term: no chance is too small to be told from another.
     """
-    means = np.maximum(means, MIN_MEAN)
+    means = np.maximum(means, TINY)
     log_factorials = np.append(0.0, np.cumsum(np.log(np.arange(1, int(np.max(counts, initial=0)) + 1))))
     first = counts * np.log(means) - means - log_factorials[counts]
     total, term, k = np.ones(len(means)), np.ones(len(means)), counts.copy()
-    while np.any(term > PRECISION * total):
+    while np.any(term > TINY * total):
         k += 1
         term *= means / k
         total += term

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from sphere_nav.spheres.sphere import to_rgb
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, SILENT_S
+from sphere_nav_tools.cli.constants import ALIVE_S, PERIOD_S, SILENT_S, STRIDE_S
 from sphere_nav_tools.cli.gate import Address, WebPage
 from sphere_nav_tools.cli.operate.chart import Chart, ground_point
 from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
@@ -143,7 +143,7 @@ class Desk:
         self._text(lambda: INDENTED.format(escape(self._hands_off or "By hand, while a button is held:")))
         for name, (speed, turn) in PACE.items():
             button = self._where(gui.add_button(name, color=MOVES), lambda: not self._hands_off)
-            button.on_hold(partial(self._hold, speed, turn), callback_hz=HOLD_HZ)
+            button.on_hold(partial(self._hold, speed, turn), callback_hz=1.0 / STRIDE_S)
             button.on_click(lambda _: self.link.let_go())
         if simulated:
             self._button("end localiser and follower", STOPS, simulated.rest, lambda: simulated.is_driven)
@@ -301,7 +301,7 @@ class Desk:
             if is_lost and not was_lost:
                 self._do(lambda: f"dead-man switch: the page is lost: {self.link.press_emergency()}")
             was_lost = is_lost
-            time.sleep(ASK_S)
+            time.sleep(PERIOD_S)
 
     def _lives(self) -> bool:
         """Whether the browser answers what only a page that lives can answer."""

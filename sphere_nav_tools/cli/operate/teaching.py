@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.service import MAX_LINE
 from sphere_nav_tools.cli.processes import Processes, node_command, python_command
 from sphere_nav_tools.offline.routes import map_id_of
 
@@ -25,7 +26,6 @@ MAPPING = (  # then its check, which tells what it found
 )
 PATHS = (".tum", ".csv")
 LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node of a line in the log
-MAX_LINE = 200
 
 
 class Teaching(Processes):

@@ -22,6 +22,7 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.files.untrusted import MAX_TABLE_BYTES, read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
+from sphere_nav_tools.offline.constants import MAX_POSE_GAP_NS
 from sphere_nav_tools.offline.importing.files import read_image, read_numbers, require_folder, trajectory
 from sphere_nav_tools.offline.importing.frames import Pictures, of_folder
 from sphere_nav_tools.offline.importing.recording import (
@@ -37,7 +38,6 @@ CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks a
 BODY_LADYBUG = np.array([0.035, 0.002, -1.23, -179.93, -0.23, 0.50])
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
-MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
 MAX_BYTES = 16 * MAX_TABLE_BYTES  # 2 million lines of a table of undistortion
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 
@@ -69,7 +69,7 @@ def open_nclt(folder: Path) -> Recording:
     path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
     seen = camera_recording(rig_views(rig, cameras), link=RIG_FRAME)
     truth = None if path is None else read_ground_truth(path)
-    seen = with_truth(seen, "groundtruth_*.csv", truth, MAX_TRUTH_GAP_NS, SE3.identity())
+    seen = with_truth(seen, "groundtruth_*.csv", truth, MAX_POSE_GAP_NS, SE3.identity())
     instants = []
     for instant in seen.instants:
         cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
