@@ -31,7 +31,6 @@ from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
-from sphere_nav.ros.tf import Transforms
 
 
 class ControlLoop:
@@ -43,8 +42,8 @@ class ControlLoop:
         *("scan", "emergency_stop", "command_guard/status"),
     )
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, transforms: Transforms) -> None:
-        """Open the topics; `transforms` tells where the scanner is mounted."""
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams) -> None:
+        """Open the topics."""
         self.endpoints, self.params, p = endpoints, params, params
         self.clock_watch, self.cycle = ClockWatch(MAX_CLOCK_PAUSE), Cycle()
         self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
@@ -68,7 +67,7 @@ class ControlLoop:
             self.follower = Follower(p)
             self.intake = PoseIntake(endpoints, p, self.follower, self.answered)
         self.follower.mode.permission = endpoints.own_ns() // 1_000_000  # of a loop begun anew no older one holds
-        self.scans = ScanIntake(endpoints, p, self.follower, transforms)
+        self.scans = ScanIntake(endpoints, p, self.follower)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
         endpoints.add_timer(LOOK_PERIOD, self.peers.look, is_wall=True)
@@ -91,6 +90,7 @@ class ControlLoop:
         others: dict[str, Callable[..., Any]] = {
             "is_at_rest": lambda: self.follower.mode.is_at_rest,
             "scan_frame": lambda: self.scans.frame,
+            "place_scanner": self.scans.place,
             "tune": self.tune,
             "stand": self.stand,
             "clock_jumped": self.clock_jumped,

@@ -13,10 +13,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, ClassVar, Protocol, cast
 
-from sphere_nav.geometry import SE3
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.tf import TransformError, Transforms
 
 PATIENCE, LONG_PATIENCE = 2.0, 20.0  # s for an answer of the loop, whose cycle is milliseconds; and until it is made
 PRIORITY = 5  # nice value of a front that is active
@@ -60,7 +58,6 @@ class FrontNode(ManagedNode):
     """A node whose commands come from a loop; subclasses set LOOP_CLASS and use `self.loop.ask`."""
 
     LOOP_CLASS: ClassVar[type[Any]]
-    transforms: Transforms | None = None  # made by subclasses whose loop needs them
 
     def __init__(self, shell: Endpoints) -> None:
         """Connect with the loop that started this process, if one did."""
@@ -70,7 +67,7 @@ class FrontNode(ManagedNode):
     def configure(self) -> None:
         """Begin the loop, here or in the process of its own."""
         if self.remote is None:
-            self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params, self.transforms)
+            self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params)
             return
         shell = cast("Any", self.endpoints)
         overrides = {key: value.value for key, value in shell._parameter_overrides.items() if key.startswith("qos_")}
@@ -110,15 +107,6 @@ class FrontNode(ManagedNode):
     def _tell(self, name: str) -> None:
         with suppress(LoopEnded):  # with a zero command
             self.loop.ask(name)
-
-    def place_sensor(self, frame: str, base_frame: str) -> None:
-        """Tell a loop of its own process where the sensor of a frame is mounted, as far as known."""
-        if self.remote is not None and self.transforms is not None and frame:
-            try:
-                T_base_sensor: SE3 | None = self.transforms.lookup(base_frame, frame)
-            except TransformError:
-                T_base_sensor = None
-            self.remote.ask("transform", base_frame, frame, T_base_sensor)
 
 
 def connected() -> RemoteLoop | None:

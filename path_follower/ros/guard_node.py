@@ -24,7 +24,7 @@ class GuardLoop:
 
     TOPICS = ("cmd_vel", "cmd_vel_in", "path_follower/heartbeat", "emergency_stop", "command_guard/status")
 
-    def __init__(self, endpoints: Endpoints, params: GuardParams, transforms: None = None) -> None:
+    def __init__(self, endpoints: Endpoints, params: GuardParams) -> None:
         """Open the topics."""
         self.endpoints, self.params = endpoints, params
         self.guard, self.said_at, self.is_spoken_to = Guard(params), 0.0, False

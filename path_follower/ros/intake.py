@@ -28,7 +28,7 @@ from sphere_nav.ros.clocks import time_of
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
-from sphere_nav.ros.tf import Transforms
+from sphere_nav.ros.tf import TransformError
 
 FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
@@ -211,18 +211,16 @@ class DirectionIntake:
 class ScanIntake:
     """Obstacles, seen from base_link. A scan that cannot be used, or sees nothing where it should, counts as none."""
 
-    def __init__(
-        self,
-        endpoints: Endpoints,
-        params: PathFollowerParams,
-        follower: Follower,
-        transforms: Transforms,
-    ) -> None:
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
         self._follower, self._endpoints, self._params = follower, endpoints, params
-        self._tf, self.frame = transforms, ""  # of the scanner
+        self.frame, self._placed, self._T_base_scan = "", "", SE3.identity()  # of the scanner; the one that is placed
         self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
         endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
+
+    def place(self, frame: str, T_base_scan: SE3) -> None:
+        """Take where the scanner of a frame is mounted."""
+        self._placed, self._T_base_scan = frame, T_base_scan
 
     def on_scan(self, message: LaserScan) -> None:
         """Hand on the points of a scan; ValueError for one that cannot be used, whose silence stops the vehicle."""
@@ -230,14 +228,16 @@ class ScanIntake:
         try:
             time = time_of(conversions.stamp_ns(message), self._endpoints)
             points = driving.scan_to_points(message)
-            T_base_scan = self._tf.lookup(self._params.base_frame, self.frame)
-            self._check_sight(message, T_base_scan)
+            if self.frame != self._placed:
+                base = self._params.base_frame
+                raise TransformError(f"tf: expected a transform {self.frame} -> {base}, found none yet")
+            self._check_sight(message)
         except ValueError as error:
             self._follower.watch.refuse_scan(str(error))
             raise
-        self._follower.watch.see_scan(T_base_scan.apply(points)[:, :2], time)
+        self._follower.watch.see_scan(self._T_base_scan.apply(points)[:, :2], time)
 
-    def _check_sight(self, message: LaserScan, T_base_scan: SE3) -> None:
+    def _check_sight(self, message: LaserScan) -> None:
         """Raise ValueError where too few beams measured, of all and of those towards the way of the vehicle."""
         measured = driving.measured_beams(message)
         share = float(measured.mean())
@@ -246,8 +246,8 @@ class ScanIntake:
             expected = f"about {usual:.0%} of the beams to measure, as lately"
             raise ValueError(f"scan: ranges: expected {expected}, found {share:.0%} (NaN, 0 or below range_min: none)")
         places = swept_places(self._follower.heading, self._params)
-        height = np.full((len(places), 1), T_base_scan.translation[2])
-        x, y, _ = T_base_scan.inverse().apply(np.concatenate([places, height], axis=1)).T
+        height = np.full((len(places), 1), self._T_base_scan.translation[2])
+        x, y, _ = self._T_base_scan.inverse().apply(np.concatenate([places, height], axis=1)).T
         turn = (np.arctan2(y, x) - message.angle_min) * np.sign(message.angle_increment or 1.0) % (2.0 * np.pi)
         beam = np.rint(turn / max(abs(message.angle_increment), 1e-9))
         seen = measured[beam[beam < len(measured)].astype(int)]

@@ -25,7 +25,6 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from path_follower.ros.front import LOOP, FrontNode
-from sphere_nav.geometry import SE3
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import ThrottledLog
@@ -33,7 +32,6 @@ from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.run import help_text, in_context, run, until_signal
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
-from sphere_nav.ros.tf import TransformError
 
 MAX_BYTES = 1 << 18  # of a message: a scan of 30,000 beams with intensities
 PRIORITY = 10  # real-time (FIFO) priority of the loop, where the user may (limits.conf: rtprio)
@@ -171,13 +169,11 @@ class LoopShell(RclpyShell):
             start_parameter_services=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
         )
-        self.health_name, self.transforms = setup["health_name"], GivenTransforms()
-        self.loop = front_class.LOOP_CLASS(self, setup["params"], self.transforms)
+        self.health_name = setup["health_name"]
+        self.loop = front_class.LOOP_CLASS(self, setup["params"])
 
     def ask(self, name: str, *values: Any) -> Any:
         """Carry out a request of the front."""
-        if name == "transform":
-            return self.transforms.give(*values)
         if name == "activate":
             self.is_active = True
             self.deliver_kept()
@@ -198,22 +194,3 @@ class LoopShell(RclpyShell):
         convert, kind, wanted.raw = wanted.callback, wanted.kind, True
         wanted.callback = lambda data: convert(from_bytes(data, kind, MAX_BYTES))
         super().listen(wanted)
-
-
-class GivenTransforms:
-    """Where sensors are mounted, as the front has told."""
-
-    def __init__(self) -> None:
-        self._given: dict[tuple[str, str], SE3] = {}
-
-    def give(self, target: str, source: str, T_target_source: SE3 | None) -> None:
-        """Take a transform; None: it is not known."""
-        self._given.pop((target, source), None)
-        if T_target_source is not None:
-            self._given[target, source] = T_target_source
-
-    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
-        """Return T_target_source; TransformError while it is not known."""
-        if (target, source) not in self._given:
-            raise TransformError(f"tf: expected a transform {source} -> {target}, found none yet")
-        return self._given[target, source]

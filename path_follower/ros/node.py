@@ -17,7 +17,7 @@ from path_follower.ros.control import ControlLoop
 from path_follower.ros.front import FrontNode, LoopEnded
 from path_follower.ros.loop_process import run_with_loop
 from path_follower.ros.trajectory import TrajectoryIntake
-from sphere_nav.ros.tf import TransformListener
+from sphere_nav.ros.tf import TransformError, TransformListener
 
 CALLS = ("start", "stop", "pause", "resume")  # of an operator
 PLACE_PERIOD = 0.2  # s between two looks where the scanner is mounted
@@ -72,9 +72,12 @@ class PathFollowerNode(FrontNode):
         return response
 
     def on_place(self) -> None:
-        """Tell the loop where its scanner is mounted."""
+        """Tell the loop where its scanner is mounted, once there is one and /tf knows that."""
         with suppress(LoopEnded):
-            self.place_sensor(self.loop.ask("scan_frame"), self.params.base_frame)
+            if frame := self.loop.ask("scan_frame"):
+                with suppress(TransformError):
+                    T_base_scan = self.transforms.lookup(self.params.base_frame, frame)
+                    self.loop.ask("place_scanner", frame, T_base_scan)
 
 
 def main() -> int:

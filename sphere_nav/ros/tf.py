@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
 
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
@@ -168,14 +167,6 @@ def _told_anew(name: str, held: SE3, told: SE3) -> str:
     if max(metres, radians) < SAME_POSE:
         return ""
     return f"{name}: told twice, {metres:.3f} m and {math.degrees(radians):.1f} deg apart: the later one holds"
-
-
-class Transforms(Protocol):
-    """What tells where frames are."""
-
-    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
-        """Return T_target_source; TransformError says why not."""
-        ...
 
 
 class TransformListener(TransformTree):

@@ -90,7 +90,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                      "endpoints params tf odometry on_picture on_refusal name lens place images lens_topics"),
     "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
-    "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
+    "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams()), "clock_jumped",
                     "endpoints params clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),

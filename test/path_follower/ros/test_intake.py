@@ -269,6 +269,8 @@ def mount(bus, roll=0.0, yaw=0.0):
     T_base_laser = SE3.from_angles(roll, 0.0, yaw, np.array([1.5, 0.3, 0.6]))
     there = se3_to_transform(T_base_laser, bus.now_ns, "base_link", "laser")
     bus.deliver("/tf_static", TFMessage(transforms=[there]))
+    scan(bus, 41 * [np.inf])
+    list(bus.advance(bus.now_ns + SECOND // 4))  # its frame is known now, and where that is
 
 
 def drive_with_scans(bus, node, images, ranges, x=0.0, **fields):
