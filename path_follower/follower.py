@@ -72,7 +72,7 @@ class Follower(Arming):
 
     @property
     def way(self) -> tuple[float, float]:
-        """Way gone and way left in m; on a closed path that of the present round."""
+        """Way gone and way left in m."""
         gone = self.location.arc_length if self.location else 0.0
         return gone, self.path.length - gone if self.path is not None else 0.0
 

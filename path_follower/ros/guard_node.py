@@ -8,7 +8,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import UInt64
 
-from path_follower.constants import GUARD_PERIOD, LOOK_PERIOD
+from path_follower.constants import ACKNOWLEDGE, GUARD_PERIOD, LOOK_PERIOD
 from path_follower.guard.guard import Guard
 from path_follower.guard.params import GuardParams
 from path_follower.ros.front import FrontNode
@@ -46,7 +46,7 @@ class GuardLoop:
         """Carry out a request: stand. A clock that goes backwards changes nothing."""
         if name == "stand":
             self.send(0.0, 0.0)
-            self.cmd_vel.wait_for_acknowledgement(0.5)
+            self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE)
 
     def on_command(self, message: Twist | TwistStamped) -> None:
         """Hand on a command."""

@@ -13,6 +13,7 @@ from path_follower.path_files import read_path
 from path_follower.ros.front import LoopRequests
 from path_follower.taught import Given, make_path, taught_speeds, told_headings
 from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.interfaces import from_bytes
@@ -41,7 +42,8 @@ class TrajectoryIntake:
         if self.loop.ask("is_at_rest"):
             self.on_path(from_bytes(data, Path, MAX_PATH_BYTES))
         else:
-            self.log.warning("reference_path: not read while the vehicle is under way: call stop first", every=5.0)
+            text = "reference_path: not read while the vehicle is under way: call stop first"
+            self.log.warning(text, every=LOG_PERIOD_S)
 
     def tune(self, params: PathFollowerParams) -> None:
         """Make trajectories with other values from now on, and show the one in force."""

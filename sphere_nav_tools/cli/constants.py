@@ -26,7 +26,7 @@ MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within
 MIN_DRIVEN = 0.95  # share of the path that must be driven
 PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 SILENCE = 600.0  # s in which the car stands that end one: kernels are compiled in two minutes on two quiet cores
-LOOK = 0.1  # s between two looks at what still runs
+LOOK_S = 0.02  # between two looks at what still runs, and whether what was asked for is done
 
 # A recording (test_mcl)
 MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart

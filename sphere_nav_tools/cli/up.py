@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, after_exit
-from sphere_nav_tools.cli.constants import LOOK
+from sphere_nav_tools.cli.constants import LOOK_S
 from sphere_nav_tools.cli.processes import Processes, start_command
 from sphere_nav_tools.offline.settings import add
 from sphere_nav_tools.offline.tables import columns
@@ -96,5 +96,5 @@ def watch(nodes: Processes, commands: Mapping[str, list[str]]) -> int:
             del due[node]
             num_restarts[node] += 1
             nodes.begin(node, commands[node])
-        time.sleep(LOOK)
+        time.sleep(LOOK_S)
     return 0

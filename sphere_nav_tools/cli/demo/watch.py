@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from sphere_nav.geometry.arrays import arc_lengths
 from sphere_nav.ros import qos
-from sphere_nav_tools.cli.constants import LOOK, SILENCE
+from sphere_nav_tools.cli.constants import LOOK_S, SILENCE
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.processes import Processes
 
@@ -40,7 +40,7 @@ class WatchedDrive(Processes):
         begun, is_hidden = time.monotonic(), None if length else True  # None: where there is no terminal
         with tqdm(total=round(length), desc=what, bar_format=BAR, mininterval=0.5, disable=is_hidden) as bar:
             while not holds():
-                time.sleep(LOOK)
+                time.sleep(LOOK_S)
                 self.check()
                 way, age = self.link.seen.told("way by wheels")
                 if way:

@@ -42,6 +42,7 @@ from sphere_nav_tools.cli.constants import (
     CONFIRMED_S,
     HELD_S,
     LOAD_S,
+    LOOK_S,
     NO_IMAGE_S,
     RATE_S,
     STOP_ANSWER_S,
@@ -63,7 +64,6 @@ EXPECTED = {  # states, of the one that is asked, that confirm a command
 CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOAD_PATH, LOAD_MAP = "path_follower/load_trajectory", "dense_localizer/load_map"
-LOOK_S = 0.02
 TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
 GUESS = np.diag([0.25, 0.25, 0.01, 0.01, 0.01, 0.03])  # covariance of a pose that a person drags: 0.5 m, 10 deg
 Found = TypeVar("Found")

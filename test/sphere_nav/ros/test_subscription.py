@@ -100,4 +100,4 @@ def test_an_input_is_judged_by_its_counts():
         assert (found[0], found[1].startswith(text)) == (level, True)
         assert found[2] == {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
         assert wanted.num_lost_lately == 0  # told once
-        assert said == ([(10.0, "waiting /a")] if text.startswith("waiting") else [])
+        assert said == ([(5.0, "waiting /a")] if text.startswith("waiting") else [])

@@ -38,7 +38,7 @@ def test_a_drive_whose_car_stands_for_long_fails_and_says_who_is_silent(tmp_path
             watch.link._on_odometry(odometry(speed * now))
             return now == 30
 
-        monkeypatch.setattr(module, "LOOK", 0.02)
+        monkeypatch.setattr(module, "LOOK_S", 0.02)
         with pytest.raises(RuntimeError, match=stands) if is_told else nullcontext():
             watch.wait("drive", drive, 20.0)
     assert bars[0].n == (0 if is_told else 20)
