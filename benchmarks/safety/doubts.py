@@ -69,11 +69,11 @@ class Drive:
 
     def _sense(self) -> None:
         if self.has_odometry and self.now % ODOMETRY_NS == 0:
-            motion = self.wheels.speed, self.wheels.yaw_rate
-            self.follower.watch.consistency.see_odometry(Pose2(*self.wheels.pose), *motion, self.now)
+            see, wheels = self.follower.watch.consistency.see_odometry, self.wheels
+            see(Pose2(*wheels.pose), wheels.speed, wheels.yaw_rate, self.now)
         if self.now % self.period_ns == 0 and self.rng.random() >= LOST:
-            state = self.vehicle.state
-            self.pending.append((self.now, SE3.from_planar(*self.rng.normal([state.x, state.y, state.yaw], NOISE))))
+            noise = SE3.from_planar(*self.rng.normal(0.0, NOISE))
+            self.pending.append((self.now, self.vehicle.state.T_world_base @ noise))
 
     def _tick(self) -> None:
         follower = self.follower
