@@ -27,7 +27,7 @@ class StopReason(enum.StrEnum):
     remedy: str
     severity: Severity
 
-    def __new__(cls, word: str, meaning: str, remedy: str, severity: Severity = Severity.WRONG) -> Self:
+    def __new__(cls, word: str, meaning: str = "", remedy: str = "", severity: Severity = Severity.WRONG) -> Self:
         """Make one of its row."""
         one = str.__new__(cls, word)
         one._value_, one.meaning, one.remedy, one.severity = word, meaning, remedy, severity
