@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -17,8 +17,7 @@ ALIGNMENTS = ("none", "poses", "se3", "sim3")
 RPE_TOLERANCE = 0.1  # of a stretch of way, by which a pair of poses may be longer or shorter (that of evo)
 MEDIAN_LENGTHS = {2: 1.1774, 3: 1.538}  # median length of so many normal numbers of standard deviation 1: sqrt of chi^2
 HUBER, TUKEY = 3.0, 6.0  # standard deviations: from where the length of three errors counts less, or not at all
-NUM_ROUNDS, SETTLED = 100, 1e-12  # of weighing anew; the step in m or rad that is the last
-LEAST_SIGMA = 1e-9  # m, rad: of poses that agree exactly
+NUM_ROUNDS = 100  # of weighing anew
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ def _refine(estimate: SE3, truth: SE3, start: SE3) -> tuple[float, SE3]:
         delta = np.linalg.solve(np.einsum("n,nij->ij", w, A) + v.sum() * np.eye(3), b)
         R_step = so3.exp(delta)
         R, t = R_step @ R, t + mean + center - R_step @ center
-        if is_near and max(np.abs(delta).max(), np.abs(mean).max()) < SETTLED:
+        if is_near and max(np.abs(delta).max(), np.abs(mean).max()) < TINY:
             break
     return float(np.log(sigma_p) + np.log(sigma_r)), SE3.from_parts(R, t)
 
@@ -131,8 +130,8 @@ def _weigh(errors: Array, *, is_near: bool) -> tuple[Array, float]:
     Far from the end by Huber's rho, which nothing is lost to; near it by Tukey's, which is blind to what is wrong.
     """
     size = np.linalg.norm(errors, axis=-1)
-    sigma = max(float(np.median(size)) / MEDIAN_LENGTHS[3], LEAST_SIGMA)
-    huber = np.minimum(1.0, HUBER * sigma / np.maximum(size, LEAST_SIGMA))
+    sigma = max(float(np.median(size)) / MEDIAN_LENGTHS[3], TINY)
+    huber = np.minimum(1.0, HUBER * sigma / np.maximum(size, TINY))
     tukey = np.clip(1.0 - (size / (TUKEY * sigma)) ** 2, 0.0, None) ** 2
     return (tukey if is_near else huber) / sigma**2, sigma
 
