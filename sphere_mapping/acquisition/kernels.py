@@ -66,26 +66,28 @@ def compare_images(top, bottom, disparity, terms):
         np.float32(3.0),
     )
     terms[:, 0], terms[:, height - 1] = 0, 0
-    last, stride, lower = np.float32(height - 2), np.int32(width), bottom.ravel()
+    last, stride, lower, between = np.float32(height - 2), np.int32(width), bottom.ravel(), np.empty(width, np.float32)
+    levels = np.empty((4, width), np.float32)
     for v in range(1, height - 1):
         row, above, middle, below, d = np.float32(v), top[v - 1], top[v], top[v + 1], disparity[v]
         n, s, e, ss, se, ee = terms[0, v], terms[1, v], terms[2, v], terms[3, v], terms[4, v], terms[5, v]
-        for u in range(width):
+        for u in range(width):  # reading by itself: the arithmetic below, with few arrays, becomes vectors
             y = row - d[u]
             is_inside = (y >= one) & (y < last)  # not so where d is NaN
             y = y if is_inside else one
             y0 = np.int32(y)
-            f = y - np.float32(y0)
-            at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
-            p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
-            p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+            at = np.int64((y0 - np.int32(1)) * stride) + u
+            levels[0, u], levels[1, u] = np.float32(lower[at]), np.float32(lower[at + width])
+            levels[2, u], levels[3, u] = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+            between[u], n[u] = y - np.float32(y0), np.int32(1) if is_inside else np.int32(0)
+        for u in range(width):
+            f, p0, p1, p2, p3 = between[u], levels[0, u], levels[1, u], levels[2, u], levels[3, u]
             k1 = half * (p2 - p0)
             k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
             k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
             value = p1 + f * (k1 + f * (k2 + f * k3))
             slope = k1 + f * (two * k2 + f * three * k3)
             across = half * (np.float32(below[u]) - np.float32(above[u]))
-            n[u] = np.int32(1) if is_inside else np.int32(0)
             s[u] = np.int32(np.floor(half * (slope + across) * scale + half)) * n[u]
             e[u] = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n[u]
             ss[u], se[u], ee[u] = s[u] * s[u], s[u] * e[u], e[u] * e[u]
@@ -118,6 +120,38 @@ def step_blocks(sums, limits, start, disparity, information, left):
         left[u] = residual / (noise + ss) if is_known else np.float32(np.inf)
         information[u] = ss * n * half / max(residual, noise) if is_known else zero
         disparity[u] = d + min(max(step, -limit), limit) if is_known else d
+
+
+@njit(**OPTIONS)
+def judge_blocks(start, refined, information, left, slopes, limits, value, std):
+    """Write the disparity (H, W) f32 of aligned blocks and its deviation; NaN where a block is not trusted.
+
+    information, left: of `step_blocks`. slopes (2, H, W): mean squared ones across and along the columns: calibration
+    leaves as much across as along, which becomes disparity on a line nearly along the column. limits: way from the
+    match in px, what may be left, variance by that of independent errors, variance that calibration leaves in px^2.
+    """
+    farthest, most, factor, calibration = limits
+    one, nothing = np.float32(1.0), np.float32(np.nan)
+    for v in range(value.shape[0]):
+        for u in range(value.shape[1]):
+            is_good = (abs(refined[v, u] - start[v, u]) <= farthest) & (left[v, u] <= most) & (information[v, u] > 0)
+            left_over = calibration * (one + slopes[0, v, u] / max(slopes[1, v, u], one))
+            value[v, u] = refined[v, u] if is_good else nothing
+            std[v, u] = np.sqrt(factor / information[v, u] + left_over) if is_good else nothing
+
+
+@njit(**OPTIONS)
+def add_band(finer, coarser, weight, total):
+    """Add what levels (h, w c) u8 are above coarser ones, by weight (h, w), to total (h, w c) i16, in sixteenths."""
+    half, sixteen = np.float32(0.5), np.float32(16.0)
+    (height, width), size = weight.shape, total.shape[1]
+    channels, share = size // width, np.empty(size, np.float32)
+    for v in range(height):
+        for u in range(width):
+            share[u * channels : (u + 1) * channels] = sixteen * weight[v, u]
+        for i in range(size):
+            band = np.float32(finer[v, i]) - np.float32(coarser[v, i])
+            total[v, i] += np.int16(np.int32(np.floor(share[i] * band + half)))
 
 
 @njit(cache=True, nogil=True)
@@ -165,60 +199,60 @@ def smooth(disparity, radius, limit, share):
 
 
 @njit(**OPTIONS)
-def _cross(a, b):
-    """Return the cross product of two vectors of a plane, which are complex numbers."""
-    return a.real * b.imag - a.imag * b.real
+def _place_in_plane(owner, centers, azimuths, along, up):
+    """Write where the cameras that show a row's pixels (W,) stand in the plane of pixel and axis."""
+    for u in range(owner.size):
+        center = centers[owner[u]]
+        along[u], up[u] = center[0] * azimuths[1, u] + center[1] * azimuths[0, u], center[2]
 
 
 @njit(**OPTIONS)
 def triangulate(disparity, std, axes, shown, baseline, per_m, limits, range_m, range_std_m):
     """Write the range from the centre of the upper sphere, and its standard deviation, (H, W) f32 m.
 
-    disparity, std (H, W) f32 px. axes: sine and cosine of azimuths (2, W) and elevations (2, H). shown: of the upper
-    and of the lower sphere, which camera shows a pixel (H, W) i1, and where the cameras stand (N, 3) f32 beside the
+    disparity, std (H, W) px. axes: sine and cosine of azimuths (2, W) and elevations (2, H). shown: of the upper
+    and of the lower sphere, which camera shows a pixel (H, W) i1, and where the cameras stand (N, 3) beside the
     centre, which is `baseline` lower for the lower one. per_m: 1 over the distance at which images were joined to
     spheres, so that a camera at o shows in pixel p what is along p - o per_m. limits: largest relative std, nearest
-    range, far. Rays meet in the plane of pixel and axis, whose vectors are complex numbers: ahead + i up. +Inf where
-    they surely do so beyond `far`, NaN where it is not known well enough.
+    range, far. All in f32: rays meet in the plane of pixel and axis. +Inf where they surely do so beyond `far`, NaN
+    where it is not known well enough. The loop over a row has no branch: it becomes vectors.
     """
     max_relative, nearest, far = limits
     azimuths, elevations = axes
     (upper, upper_centers), (lower, lower_centers) = shown
     height, width = disparity.shape
-    per_row = np.pi / height
+    a, a_up, b, b_up = np.empty((4, width), np.float32)
+    per_row, zero, two = np.float32(np.pi / height), np.float32(0.0), np.float32(2.0)
+    nothing, beyond = np.float32(np.nan), np.float32(np.inf)
     for v in range(height):
-        direction = complex(elevations[1, v], elevations[0, v])
+        z, level = elevations[0, v], elevations[1, v]
+        _place_in_plane(upper[v], upper_centers, azimuths, a, a_up)
+        _place_in_plane(lower[v], lower_centers, azimuths, b, b_up)
         for u in range(width):
-            range_m[v, u] = np.nan
-            range_std_m[v, u] = np.nan
             sigma = std[v, u] * per_row
-            if not (sigma < 1e3):
-                continue
-            slope, sine, cosine = tangent(disparity[v, u] * per_row), azimuths[0, u], azimuths[1, u]
-            turned = direction * complex(1.0, slope)
-            turned /= abs(turned)
-            a, b = upper_centers[upper[v, u]], lower_centers[lower[v, u]]
-            eye = complex(a[0] * cosine + a[1] * sine, a[2])
-            low_eye = complex(b[0] * cosine + b[1] * sine, b[2] - baseline)
-            ray, low_ray = direction - eye * per_m, turned - (low_eye + complex(0.0, baseline)) * per_m
-            parallax, across = _cross(ray, low_ray), _cross(low_eye - eye, low_ray)
-            if (parallax + 2 * sigma) * far < across:
-                range_m[v, u] = np.inf
-                continue
-            r = abs(eye + ray * (across / parallax))
-            relative = abs(1.0 / slope + turned.imag / turned.real) * sigma  # (cot(d) + cot(b)) sigma
-            if parallax > 0.0 and turned.real > 0.0 and r >= nearest and relative <= max_relative:
-                range_m[v, u] = r
-                range_std_m[v, u] = relative * r
+            sine, cosine = rotation(disparity[v, u] * per_row)
+            low_level, low_z = level * cosine - z * sine, z * cosine + level * sine
+            ray, ray_up, low_ray = level - a[u] * per_m, z - a_up[u] * per_m, low_level - b[u] * per_m
+            low_ray_up, apart, apart_up = low_z - b_up[u] * per_m, b[u] - a[u], b_up[u] - baseline - a_up[u]
+            parallax, across = ray * low_ray_up - ray_up * low_ray, apart * low_ray_up - apart_up * low_ray
+            is_far = (parallax + two * sigma) * far < across
+            reach = across / parallax
+            x, y = a[u] + ray * reach, a_up[u] + ray_up * reach
+            r = np.sqrt(x * x + y * y)
+            relative = abs(cosine / sine + low_z / low_level) * sigma  # (cot(d) + cot(b)) sigma
+            is_known = (parallax > zero) & (low_level > zero) & (r >= nearest) & (relative <= max_relative) & ~is_far
+            range_m[v, u] = beyond if is_far else (r if is_known else nothing)
+            range_std_m[v, u] = relative * r if is_known else nothing
 
 
 @njit(**OPTIONS)
-def tangent(angle):
-    """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
-    if angle > 0.35:
-        return np.tan(angle)
-    q = angle * angle
-    return angle * (1.0 + q * (1 / 3 + q * (2 / 15 + q * (17 / 315 + q * (62 / 2835 + q * (1382 / 155925))))))
+def rotation(angle):
+    """Return sine and cosine of an angle up to 1.2 rad by their series (error 1e-7), which vectorise."""
+    q, one, a, b = angle * angle, np.float32(1.0), np.float32(1 / 6), np.float32(1 / 24)
+    c, d, e, f = np.float32(1 / 120), np.float32(1 / 720), np.float32(1 / 5040), np.float32(1 / 40320)
+    g, h = np.float32(1 / 362880), np.float32(1 / 3628800)
+    cosine = one - q * (np.float32(0.5) - q * (b - q * (d - q * (f - q * h))))
+    return angle * (one - q * (a - q * (c - q * (e - q * g)))), cosine
 
 
 @njit(**OPTIONS)
@@ -231,26 +265,30 @@ def recenter(range_m, std_m, owner, centers, columns, rows, per_m, new_range, ne
     which its point is seen.
     """
     height, width = range_m.shape
-    one, half = np.float32(1.0), np.float32(0.5)  # and no number of twice the precision: this runs over two million
+    zero, one, half, nothing = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(np.nan)
     per_column, per_row = np.float32(0.5 * width / np.pi), np.float32(height / np.pi)
+    ox, oy, oz = np.empty((3, width), np.float32)
+    at, ranges, stds = np.empty(width, np.int32), range_m.ravel(), std_m.ravel()
     for v in range(height):
         z, level = rows[0, v], rows[1, v]
         for u in range(width):
-            new_range[v, u] = np.nan
-            new_std[v, u] = np.nan
-            camera, reach = owner[v, u], range_m[v, u]
-            if camera < 0 or not np.isfinite(reach):
-                new_range[v, u] = reach
-                continue
+            center = centers[owner[v, u]]
+            ox[u], oy[u], oz[u] = center[0], center[1], center[2]
+        for u in range(width):  # without a branch: it becomes vectors
             x, y = level * columns[1, u], level * columns[0, u]
-            ox, oy, oz = centers[camera, 0], centers[camera, 1], centers[camera, 2]
+            is_shown = (owner[v, u] >= 0) & (range_m[v, u] < np.float32(np.inf))
+            reach = range_m[v, u] if is_shown else zero
             off = one - reach * per_m
-            qx, qy, qz = reach * x - off * ox, reach * y - off * oy, reach * z - off * oz
+            qx, qy, qz = reach * x - off * ox[u], reach * y - off * oy[u], reach * z - off * oz[u]
             across = np.sqrt(qx * qx + qy * qy)
             du = -arctangent2(x * qy - y * qx, x * qx + y * qy) * per_column
             dv = -arctangent2(level * qz - z * across, level * across + z * qz) * per_row
-            column = int(np.floor(np.float32(u) + du + half)) % width
-            row = min(max(int(np.floor(np.float32(v) + dv + half)), 0), height - 1)
-            if np.isfinite(range_m[row, column]):
-                new_range[v, u] = range_m[row, column]
-                new_std[v, u] = std_m[row, column]
+            column, row = np.int32(np.floor(np.float32(u) + du + half)), np.int32(np.floor(np.float32(v) + dv + half))
+            column += np.int32(width if column < 0 else (-width if column >= width else 0))
+            row = min(max(row, np.int32(0)), np.int32(height - 1))
+            at[u] = row * np.int32(width) + column if is_shown else np.int32(-1)
+        for u in range(width):
+            seen = ranges[at[u]] if at[u] >= 0 else nothing
+            is_known = seen < np.float32(np.inf)
+            new_std[v, u] = stds[at[u]] if is_known else nothing
+            new_range[v, u] = seen if is_known else (nothing if at[u] >= 0 else range_m[v, u])

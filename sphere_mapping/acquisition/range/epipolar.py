@@ -37,10 +37,11 @@ def range_from_disparity(
     they are. per_m: 1 over the distance for which their images were joined. Ranges are those of what the pixels show.
     """
     range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
-    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)
+    limits = tuple(map(np.float32, (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)))
     axes, centered = axes_of(range_m.shape), (np.zeros(range_m.shape, np.int8), np.zeros((1, 3), np.float32))
     shown = shown or (centered, centered)
-    triangulate(disparity.value, disparity.std, axes, shown, baseline_m, per_m, limits, range_m, std_m)
+    lengths = np.float32(baseline_m), np.float32(per_m)
+    triangulate(disparity.value, disparity.std, axes, shown, *lengths, limits, range_m, std_m)
     return range_m, std_m
 
 
@@ -50,6 +51,5 @@ def in_own_directions(range_m: Floats, std_m: Floats, shown: Shown, per_m: float
     per_m: 1 over the distance for which the images were joined; what is elsewhere, pixels show beside its direction.
     """
     moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    axes = (axis.astype(np.float32) for axis in axes_of(range_m.shape))
-    recenter(range_m, std_m, *shown, *axes, np.float32(per_m), moved, moved_std)
+    recenter(range_m, std_m, *shown, *axes_of(range_m.shape), np.float32(per_m), moved, moved_std)
     return moved, moved_std

@@ -36,7 +36,7 @@ from sphere_mapping.acquisition.constants import (
     STEP_LIMIT,
     STEPS_AGAIN,
 )
-from sphere_mapping.acquisition.kernels import compare_images, smooth, step_blocks
+from sphere_mapping.acquisition.kernels import compare_images, judge_blocks, smooth, step_blocks
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.kernels import NUM_DISPARITIES
 from sphere_mapping.acquisition.range.levels import (
@@ -212,14 +212,9 @@ def _refine_strip(
         step_blocks(sums.reshape(6, -1), limits, *own)
         refined = smooth(refined, REFINE_RADIUS, *SMOOTH)
     inner = slice(margin, margin + value.shape[1])
-    refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
-    across, along = _squared_slopes(top)[:, :, inner]
-    is_good = (np.abs(refined - start) <= MAX_REFINEMENT) & (left <= MAX_RESIDUAL) & (information > 0)
-    # calibration leaves as much across as along: on a line nearly along the column it becomes disparity
-    left_over = np.float32(params.calibration_px**2) * (1 + across / np.maximum(along, 1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sigma = np.sqrt(np.float32(STD_FACTOR**2) / information + left_over)
-    value[:], std[:] = (np.where(is_good, plane, np.float32(np.nan)) for plane in (refined, sigma))
+    own = (plane[:, inner] for plane in (start, refined, information, left))
+    trusted = tuple(map(np.float32, (MAX_REFINEMENT, MAX_RESIDUAL, STD_FACTOR**2, params.calibration_px**2)))
+    judge_blocks(*own, _squared_slopes(top)[:, :, inner], trusted, value, std)
 
 
 def _squared_slopes(image: Bytes) -> Floats:

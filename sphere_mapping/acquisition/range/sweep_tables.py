@@ -73,7 +73,7 @@ def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
         is_dead.append(border_px <= ERODED_PX)
     sizes = np.array([dead.shape for dead in is_dead], np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    azimuths, elevations = (axis.astype(np.float32) for axis in axes_of((whole.height, whole.width)))
+    azimuths, elevations = axes_of((whole.height, whole.width))
     scales = np.array([0.5**halved for halved in halvings], np.float32)
     return SweepLevel(whole, (azimuths, elevations), tuple(halvings), starts, sizes, scales, tuple(is_dead))
 

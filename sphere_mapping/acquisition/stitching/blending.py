@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.kernels import add_band
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView, warp
 from sphere_nav.geometry import Spherical
@@ -94,12 +95,7 @@ def _add(image: Bytes, weights: Sequence[Floats], totals: Sequence[NDArray[np.in
     for weight, total in zip(weights[:-1], totals[:-1], strict=True):
         coarser = cv2.pyrDown(finest)
         smooth = cv2.pyrUp(coarser, dstsize=(finest.shape[1], finest.shape[0]))
-        _add_band(cv2.subtract(finest, smooth, dtype=cv2.CV_32F), weight, total)
+        add_band(*(plane.reshape(len(total), -1) for plane in (finest, smooth)), weight, total.reshape(len(total), -1))
         finest = coarser
-    _add_band(finest, weights[-1], totals[-1])
-
-
-def _add_band(band: Bytes | Floats, weight: Floats, total: NDArray[np.int16]) -> None:
-    """Add a band (h, w[, c]) by its weight (h, w) to a sum (h, w, c), in sixteenths of a grey level."""
-    share = np.float32(16.0) * weight[..., None]
-    total += np.floor(share * band.reshape(total.shape) + np.float32(0.5)).astype(np.int16)
+    last = totals[-1].reshape(len(finest), -1)
+    add_band(finest.reshape(last.shape), np.zeros(last.shape, np.uint8), weights[-1], last)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -145,19 +145,20 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
     return Layout(whole, tuple(views), owner, strips)
 
 
-def axes_of(shape: tuple[int, ...]) -> tuple[Array, Array]:
+@cache
+def axes_of(shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return sine and cosine of the azimuth of each column (2, W), and of the elevation of each row (2, H)."""
     height, width = shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
     elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
-    return np.stack([np.sin(azimuth), np.cos(azimuth)]), np.stack([np.sin(elevation), np.cos(elevation)])
+    azimuths, elevations = (np.stack([np.sin(angle), np.cos(angle)]) for angle in (azimuth, elevation))
+    return azimuths.astype(np.float32), elevations.astype(np.float32)
 
 
 def warp(lens: Lens, inverse_range: Floats, block: Block) -> tuple[Floats, Floats]:
     """Return pixels u, v (h, w) of a camera for a block of a sphere whose inverse range (H, W) is known everywhere."""
     u, v = (np.empty((block.height, block.width), np.float32) for _ in range(2))
-    azimuths, elevations = (axis.astype(np.float32) for axis in axes_of(inverse_range.shape))
-    warp_by_range(inverse_range, (azimuths, elevations), block.row, block.column, lens, u, v)
+    warp_by_range(inverse_range, axes_of(inverse_range.shape), block.row, block.column, lens, u, v)
     return u, v
 
 
