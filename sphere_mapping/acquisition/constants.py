@@ -105,6 +105,7 @@ MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where ther
 MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
 MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
 STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation that the residual alone gives
+UNEVEN_SHARE = 1 / 3  # of what disparity varies by over a block: three deviations of a pixel reach all of it
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
 # (range/test_levels)
 OWN_RADIUS = 2  # px at half of the finest level, half side of the block in which a pixel has its own surface

@@ -77,20 +77,26 @@ def usable_at(is_usable: Flags, level: int, shape: tuple[int, ...]) -> Flags:
 
 
 def at_jumps(disparity: Floats, radius: int, *, is_whole: bool) -> Flags:
-    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large.
+    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large."""
+    high, uneven = uneven_around(disparity, radius, is_whole=is_whole)
+    return uneven > np.maximum(np.float32(JUMP[0]), np.float32(JUMP[1]) * high)
 
-    What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
+
+def uneven_around(disparity: Floats, radius: int, *, is_whole: bool) -> tuple[Floats, Floats]:
+    """Return the largest disparity (H, W) within 2 radius + 1 rows and columns, and by how much it varies beside slant.
+
+    A slanted surface changes by the least step from pixel to pixel over the neighbourhood.
     """
     padded = around(disparity, radius + 1, is_whole=is_whole)
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     high, low = _extremes(padded, kernel)
-    slant = np.zeros_like(padded)
+    uneven = high - low
     for axis in range(2):
         step = np.abs(np.diff(padded, axis=axis, append=np.nan))
         least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
-        slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
-    limit = np.maximum(np.float32(JUMP[0]), np.float32(JUMP[1]) * high) + slant
-    return (high - low > limit)[:, radius + 1 : -radius - 1]
+        uneven -= np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
+    inner = np.s_[:, radius + 1 : -radius - 1]
+    return high[inner], np.maximum(uneven, 0)[inner]
 
 
 def spread_around(disparity: Floats, radius: int, *, is_whole: bool) -> Floats:

@@ -35,6 +35,7 @@ from sphere_mapping.acquisition.constants import (
     STD_FACTOR,
     STEP_LIMIT,
     STEPS_AGAIN,
+    UNEVEN_SHARE,
 )
 from sphere_mapping.acquisition.kernels import compare_images, judge_blocks, smooth, step_blocks
 from sphere_mapping.acquisition.params import MatchParams
@@ -49,6 +50,7 @@ from sphere_mapping.acquisition.range.levels import (
     is_borrowed,
     smooth_around,
     twice,
+    uneven_around,
     usable_at,
 )
 from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_strips
@@ -109,6 +111,9 @@ def match_columns(
         if coarser is not None:
             is_unknown = np.isnan(own.value)
             own.value[is_unknown], own.std[is_unknown] = coarser.value[is_unknown], coarser.std[is_unknown]
+        if k >= halvings:  # a block does not tell which of the surfaces in it the pixel shows
+            _, uneven = uneven_around(own.value, REFINE_RADIUS, is_whole=search.is_whole)
+            np.maximum(own.std, np.float32(UNEVEN_SHARE) * uneven, out=own.std)
         found = own
     assert found is not None
     return _without_borrowed(found, levels[1], search.is_whole) if halvings else found

@@ -53,3 +53,15 @@ def test_errors_by_their_deviation_are_of_size_one():
     # smoothing makes it better than one block says; the factor on it is that of rooms, where more than noise errs
     assert 0.2 < np.sqrt(np.mean(ratio[np.abs(ratio) < 5] ** 2)) < 1.2
     assert np.mean(np.abs(ratio) > 3) < 0.01
+
+
+def test_where_a_block_sees_two_surfaces_three_deviations_reach_both():
+    top = texture(5, contrast=25)
+    shift = np.where(np.arange(SHAPE[1]) < 200, 12, 15)
+    bottom = np.where(shift == 12, np.roll(top, -12, axis=0), np.roll(top, -15, axis=0))
+    found = match(top, bottom, noise=NOISE, calibration_px=0.0)
+    known = np.isfinite(found.value)
+    beside = known & (np.abs(np.arange(SHAPE[1]) - 199.5) < 4)
+    assert beside.sum() > 500
+    assert np.mean((np.abs(found.value - shift) > 3 * found.std)[beside]) < 0.05
+    assert np.median(found.std[beside]) > 0.5 > 5 * np.median(found.std[known])
