@@ -75,6 +75,14 @@ def test_kitti(imported, kitti):
     np.testing.assert_allclose(T_left_right.translation, [0.54, 0.0, 0.0], atol=1e-12)
 
 
+def test_kitti_without_times_and_truth(imported, kitti):
+    for name in ("times.txt", "poses.txt"):
+        (kitti / name).unlink()
+    topics, _ = imported("kitti", kitti)
+    assert "/ground_truth/pose" not in topics
+    assert [stamp_ns(message) for message in topics["/left/image_raw"]] == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+
+
 def fails(capsys, tmp_path, *words):
     assert main(["import", *map(str, words), "-o", str(tmp_path / "bad")]) == 2
     assert not (tmp_path / "bad").exists()
