@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from path_follower.params import FollowerParams, PathParams, SpeedParams
-from path_follower.smoothing import smooth_curve
+from path_follower.smoothing import Curve, smooth_curve
 from path_follower.taught import taught_speeds
 
 PARAMS = FollowerParams()
@@ -123,6 +123,11 @@ def test_a_wave_of_the_smoothing_length_is_halved():
         inner = (curve.arc > 10) & (curve.arc < 50)
         found = np.sqrt(2) * np.std(curve.y[inner]) / 1e-2
         assert found == pytest.approx(gain, abs=0.03)
+
+
+def test_a_turn_on_the_spot_bends_as_over_a_nanometre_a_point():
+    curve = Curve(np.zeros(4), np.zeros(4), 1e-3 * np.arange(4), np.ones(4))
+    np.testing.assert_allclose(curve.bend, 1e6)
 
 
 def test_points_of_a_curve_are_joined_by_a_curve_and_corners_by_straight_lines():
