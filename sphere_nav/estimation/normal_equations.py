@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.arrays import Array
 
 RIDGE = 1e-9  # of the unit diagonal: an unknown of which nothing is seen stays where it is
-LEAST = 1e-300  # of a diagonal: no division by zero
+LEAST = 1e-100  # of a diagonal: what is not seen has a variance that is a number, beyond all others
 
 
 def weighted_step(J: Array, residual: Array, weight: Array) -> Array:

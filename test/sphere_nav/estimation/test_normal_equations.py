@@ -31,9 +31,8 @@ def test_the_step_takes_the_residuals_away(J, rng):
 
 def test_what_is_not_seen_has_no_covariance_with_the_rest(J):
     J[:, 1] = 0.0
-    with np.errstate(over="ignore"):
-        found = scaled_inverse(J.T @ J)
-    assert found[1, 1] == np.inf
+    found = scaled_inverse(J.T @ J)
+    assert 1e100 < found[1, 1] < np.inf  # a number: nothing times it is nothing
     seen = np.ix_((0, 2), (0, 2))
     np.testing.assert_allclose(found[seen], np.linalg.inv((J.T @ J)[seen]), rtol=1e-6)
     np.testing.assert_array_equal(found[1, [0, 2]], 0.0)
