@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import HUBER, huber_weights
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers
 from sphere_nav.photometric.constants import MIN_SIGMA, NUM_REWEIGHTINGS
 from sphere_nav.photometric.pixels.samples import Sample
 
@@ -38,15 +37,15 @@ def linearize_samples(sample: Sample) -> tuple[Array, Array]:
     return J, sample.residual
 
 
-def solve_robustly(J: Array, residual: Array, cell: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+def solve_robustly(J: Array, residual: Array, cell: Integers) -> tuple[Array, Array, Array]:
     """Return the step, the residuals (N,) after it, and their weights (N,): Huber's, by the residuals of each cell.
 
     A cell (N,) that agrees by chance has larger ones than those that show the map, and counts for little.
     """
     remaining = residual
     for _ in range(NUM_REWEIGHTINGS):
-        square = np.bincount(cell, remaining**2) / np.maximum(np.bincount(cell), 1)
-        sigma = np.maximum(np.sqrt(square), MIN_SIGMA)[cell]
+        square = np.bincount(cell, remaining**2)[cell] / np.bincount(cell)[cell]
+        sigma = np.maximum(np.sqrt(square), MIN_SIGMA)
         weight = huber_weights(np.abs(remaining), HUBER * sigma) / sigma**2
         x = weighted_step(J, residual, weight)
         remaining = residual + J @ x
