@@ -46,7 +46,7 @@ def solve_robustly(J: Array, residual: Array, cell: Integers) -> tuple[Array, Ar
     for _ in range(NUM_REWEIGHTINGS):
         square = np.bincount(cell, remaining**2)[cell] / np.bincount(cell)[cell]
         sigma = np.maximum(np.sqrt(square), MIN_SIGMA)
-        weight = huber_weights(np.abs(remaining), HUBER * sigma) / sigma**2
+        weight = huber_weights(np.abs(remaining) / sigma, HUBER) / sigma**2
         x = weighted_step(J, residual, weight)
         remaining = residual + J @ x
     return x, remaining, weight
