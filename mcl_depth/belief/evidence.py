@@ -33,7 +33,6 @@ from mcl_depth.constants import (
     APART,
     EVEN_ODDS,
     INDEPENDENT_M,
-    LEAD_SCALE,
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
@@ -45,7 +44,6 @@ from mcl_depth.constants import (
     PATCH,
     PEAK,
     RIVAL_SCALE,
-    ROOM_M,
     TAIL,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -226,18 +224,16 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     belong to its way: p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). Without a rival nothing is told: 1.
 
-    Images of one room fit another one by chance together: sigma^2 is larger by as much as the drive's extent is smaller
-    than `INDEPENDENT_M`. While all may be of one room (`ROOM_M`), its twin next door is as good, where turned ones fit
-    neither: there the lead over the mirrored drive counts as well, exp(-lead / LEAD_SCALE).
+    Images of one room err together, for a room elsewhere and for its twin next door: both log odds count by the share
+    that the drive's extent has of `INDEPENDENT_M`.
     """
     if len(values) < 2:
         return 1.0, 1.0
     root = np.sqrt(level.num_images)
     z = max(float((values[0] - 0.5 * (level.mirrored + level.turned + root)) / root), 0.0)
-    p_elsewhere = float(np.exp(-0.5 * min(level.extent_m / INDEPENDENT_M, 1.0) * (z / sigma) ** 2))
-    if level.extent_m < ROOM_M:
-        p_elsewhere = max(p_elsewhere, min(float(np.exp((level.mirrored - values[0]) / LEAD_SCALE)), 1.0))
-    p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
+    independent = min(level.extent_m / INDEPENDENT_M, 1.0)
+    p_elsewhere = float(np.exp(-0.5 * independent * (z / sigma) ** 2))
+    p_rival = float(np.exp(-independent * (values[0] - values[1]) / RIVAL_SCALE))
     return p_elsewhere, max(p_elsewhere, p_rival)
 
 

@@ -21,7 +21,6 @@ COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
 MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
-ROOM_M = 8.0
 
 SLIP = Verdict(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE, SIGMA = 0.5, 40, 36, 1e-3, 0.6
@@ -81,11 +80,9 @@ def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
     later = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=16.0, extent_m=12.0)
     assert chances_of_place(np.array([18.0, 9.0]), later, SIGMA)[0] > 10.0 * p_elsewhere
     assert chances_of_place(np.array([7.5, 1.0]), sure, SIGMA) == (1.0, 1.0)
-    rooms = chances_of_place(np.array([18.0, 9.0]), replace(sure, extent_m=ROOM_M), SIGMA)[0]
-    assert rooms == pytest.approx(p_elsewhere ** (ROOM_M / 12.0))  # images of one room err together
-    one_room = replace(sure, mirrored=14.0, turned=1.0, extent_m=0.9 * ROOM_M)  # any room of that size fits
-    assert chances_of_place(np.array([18.0, 9.0]), one_room, SIGMA) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
-    alike = replace(sure, mirrored=29.0, turned=2.0)  # a home that is its own mirror image
+    rooms = chances_of_place(np.array([18.0, 15.0]), replace(sure, extent_m=6.0), SIGMA)
+    assert rooms == pytest.approx((p_elsewhere**0.5, np.exp(-1.5 / RIVAL_SCALE)))  # images of one room err together
+    alike = replace(sure, mirrored=29.0, turned=2.0, extent_m=7.0)  # a small home that is its own mirror image
     assert chances_of_place(np.array([30.0, 20.0]), alike, SIGMA)[0] < RATE
     assert chances_of_place(np.array([20.0]), sure, SIGMA) == (1.0, 1.0)  # no rival
     wide, narrow = (chances_of_place(np.array([18.0, 9.0]), sure, sigma)[0] for sigma in (2 * SIGMA, SIGMA))
