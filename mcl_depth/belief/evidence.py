@@ -159,8 +159,8 @@ class Evidence:
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field, mirrored = (standardize(one.survey(), self._grid) for one in (comparison, comparison.mirrored))
-        joint, level = self._drives.add(field, mirrored, odometry, self._grid.mask)
+        field = standardize(comparison.survey(), self._grid)
+        joint, level = self._drives.add(field, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
         room = len(joint) * len(self._grid.positions) / (2 * PEAK + 1) ** joint.ndim  # for so many maxima
@@ -219,9 +219,9 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
 def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:
     """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
-    `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of
-    both kinds of control drives, and those that are turned reach sqrt(n) less than a drive elsewhere, whose views
-    belong to its way: p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
+    `values` (N,) are the maxima of the map, falling. Control drives, which are turned, reach sqrt(n) less than a drive
+    elsewhere, whose views belong to its way. With z = (v_1 - v_turned) / sqrt(n) - 1:
+    p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). Without a rival nothing is told: 1.
 
     Images of one room err together, for a room elsewhere and for its twin next door: both log odds count by the share
@@ -230,7 +230,7 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     if len(values) < 2:
         return 1.0, 1.0
     root = np.sqrt(level.num_images)
-    z = max(float((values[0] - 0.5 * (level.mirrored + level.turned + root)) / root), 0.0)
+    z = max(float((values[0] - level.turned) / root - 1.0), 0.0)
     independent = min(level.extent_m / INDEPENDENT_M, 1.0)
     p_elsewhere = float(np.exp(-0.5 * independent * (z / sigma) ** 2))
     p_rival = float(np.exp(-independent * (values[0] - values[1]) / RIVAL_SCALE))

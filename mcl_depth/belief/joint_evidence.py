@@ -29,9 +29,8 @@ Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives 
 
 @dataclass(frozen=True)
 class EvidenceLevel:
-    """What drives reach that are not in the map: the mirrored one, and those of turned images in the mean."""
+    """What drives of turned images, which are not in the map, reach in the mean."""
 
-    mirrored: float
     turned: float
     num_images: float  # that it is a sum of
     extent_m: float  # the largest distance between two of its images
@@ -40,8 +39,7 @@ class EvidenceLevel:
 class JointEvidence:
     """The drive, and drives of the same images that are not in the map, to tell by what one reaches that may be there.
 
-    One is the drive in a mirror. It is of the same kind in all, but where a room is its own mirror image it fits that
-    room. The others see each image turned from the way by a right angle or two: they fit no room for long.
+    These see each image turned from the way by a right angle or two: they fit no room for long.
     """
 
     def __init__(self, edge: float, new_way: float) -> None:
@@ -57,23 +55,20 @@ class JointEvidence:
         self._last: Array | None = None  # odometry
         self._reach = np.full(len(ASIDE), -np.inf)  # m, the farthest of all images in each direction
 
-    def add(
-        self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]
-    ) -> tuple[Field, EvidenceLevel]:
-        """Add an image and its mirror image, taken at `odometry` (3,); return the sum, and what the others reach.
+    def add(self, field: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> tuple[Field, EvidenceLevel]:
+        """Add an image, taken at `odometry` (3,); return the sum, and what the other drives reach.
 
         Without odometry, and after a gap in it, it stands alone: who may have gone anywhere fits somewhere.
         """
-        in_mirrored_map = np.roll(mirrored[::-1], 1, axis=0)[..., ::-1]  # which the drive ahead is in: one way for all
         turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
-        total, away, *others = self._add(np.stack([field, in_mirrored_map, *turned]), odometry)
+        total, *others = self._add(np.stack([field, *turned]), odometry)
         if odometry is None:
             self._reach[:] = -np.inf
         else:
             np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
         extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
         reached = float(np.mean([one[:, mask].max() for one in others]))
-        return total, EvidenceLevel(float(away[:, mask[:, ::-1]].max()), reached, self._num_remembered, extent_m)
+        return total, EvidenceLevel(reached, self._num_remembered, extent_m)
 
     def _add(self, fields: Field, odometry: Array | None) -> Field:
         if self._total is None or odometry is None or self._last is None:

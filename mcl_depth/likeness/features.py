@@ -18,11 +18,6 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-def mirror(image: NDArray[Any]) -> NDArray[Any]:
-    """Return an image (H, W) whose left is right."""
-    return np.ascontiguousarray(image[:, ::-1])
-
-
 @dataclass(frozen=True)
 class GradientFeatures:
     """Sobel gradients of one panorama; all arrays (H, W) float32, columns wrap around.
@@ -35,11 +30,6 @@ class GradientFeatures:
     y: Image
     magnitude: Image
     is_seen: Mask
-
-    @property
-    def mirrored(self) -> GradientFeatures:
-        """Those of the image whose left is right, ahead staying ahead."""
-        return GradientFeatures(*map(mirror, (-self.x, self.y, self.magnitude, self.is_seen)))
 
 
 def visual_features(gray: Image, is_seen: Mask | bool = True) -> GradientFeatures:

@@ -18,12 +18,12 @@ from mcl_depth.likeness.features import (
     visual_features,
 )
 from mcl_depth.likeness.gradient_filter import GradientFilter
-from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, compare_learned, pack
+from mcl_depth.likeness.learned import LearnedFilter, compare_learned, pack
 from mcl_depth.likeness.spectra import Curves
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
-Visual = GradientFeatures | LearnedFeatures
+Visual = GradientFeatures | Image  # an image by gradients; what was learned of it (C, h, w), of length 1
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
         min_seen=MIN_SEEN,
         chance_sigma=CHANCE_SIGMA[1],
         filter=LearnedFilter,
-        image=lambda gray, is_seen: LearnedFeatures(gray, is_seen, encoders, camera),
+        image=lambda gray, is_seen: encoders.features_of_image(gray, is_seen, camera),
         depths=lambda ranges_m: pack(encoders.features_of_depths(ranges_m, camera)),
         compare=compare_learned,
     )

@@ -6,8 +6,6 @@ filter around it stays: joint evidence and its false-alarm rate, compass, partic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,8 +13,6 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
 from mcl_depth.likeness.depth_cache import Stack
-from mcl_depth.likeness.encoder import EncoderPair
-from mcl_depth.likeness.features import Mask, mirror
 from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,
@@ -27,29 +23,8 @@ from mcl_depth.likeness.spectra import (
     encode_cells,
     spectra_of,
 )
-from sphere_nav.geometry import Spherical
 
 ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedFeatures:
-    """What the encoder of images makes of a level panorama `gray` (H, W), of which `is_seen` is seen."""
-
-    gray: Image
-    is_seen: Mask
-    encoders: EncoderPair
-    camera: Spherical
-
-    @cached_property
-    def features(self) -> Image:
-        """The features (C, h, w), of length 1."""
-        return self.encoders.features_of_image(self.gray, self.is_seen, self.camera)
-
-    @property
-    def mirrored(self) -> LearnedFeatures:
-        """Those of the image whose left is right, ahead staying ahead."""
-        return LearnedFeatures(mirror(self.gray), mirror(self.is_seen), self.encoders, self.camera)
 
 
 def pack(features: Image) -> Stack:
@@ -66,18 +41,18 @@ def unpack(stack: Stack) -> Image:
     return features
 
 
-def compare_learned(visual: LearnedFeatures, stack: Stack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
-    """Return the similarity of an image with the depth panoramas in `slots` (M,) at all headings, (M, num_alpha).
+def compare_learned(visual: Image, stack: Stack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
+    """Return the similarity of features (C, h, w) with those in `slots` (M,) at all headings, (M, num_alpha).
 
     The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over
     a step of headings, so that what lies between two of them is not missed.
     """
-    image = spectra_of(visual.features, ABOVE_MEAN)  # (F, P)
+    image = spectra_of(visual, ABOVE_MEAN)  # (F, P)
     step = 2.0 * np.pi / num_alpha
     smooth = np.float32(0.5) * (1.0 + np.cos(np.minimum(np.array(ABOVE_MEAN) * 0.5 * step, np.pi)))
     image *= smooth[:, None].astype(np.float32)
     curves = np.empty((len(slots), num_alpha), np.float32)
-    width = visual.features.shape[-1]
+    width = visual.shape[-1]
     for first in range(0, len(slots), BATCH):
         depths = spectra_of(unpack(stack[slots[first : first + BATCH]]), ABOVE_MEAN)  # (n, F, P)
         products = np.einsum("fp,nfp->nf", image, depths.conj(), optimize=True)
@@ -100,10 +75,10 @@ class LearnedFilter(NamedTuple):
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         return cls(*encode_cells(stack, slots, unpack, ABOVE_MEAN))
 
-    def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
-        """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
+    def curves(self, visual: Image, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+        """Return how well features (C, h, w) of an image fit, (N, num_headings), in units of its own.
 
-        `rows`: of some cells only. The best within half a step of each heading.
+        Headings as those of eq. 2, the best within half a step of each; `rows`: of some cells only.
         """
-        weights = spectra_of(visual.features, ABOVE_MEAN) * self.scales
+        weights = spectra_of(visual, ABOVE_MEAN) * self.scales
         return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings), FINENESS)

@@ -16,11 +16,6 @@ class Comparison:
     def __init__(self, visual: Visual, depth_map: DepthMap, num_headings: int) -> None:
         self._visual, self._map, self._num_headings = visual, depth_map, num_headings
 
-    @property
-    def mirrored(self) -> Comparison:
-        """The same for the image in a mirror: left is right."""
-        return Comparison(self._visual.mirrored, self._map, self._num_headings)
-
     def curves(self, positions: Array) -> NDArray[np.float32]:
         """Return the similarities (N, A) of all headings at positions (N, 2) in m; 0 where the map has no ground."""
         cells, place = np.unique(self._map.cells(positions), axis=0, return_inverse=True)

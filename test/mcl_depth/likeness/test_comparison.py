@@ -75,13 +75,6 @@ def test_no_seam_shows(images) -> None:
         np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, 5, axis=1), atol=1e-5)
 
 
-def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) -> None:
-    gray, _ = images
-    found, wanted = visual_features(gray).mirrored, visual_features(np.ascontiguousarray(gray[:, ::-1]))
-    for name in ("x", "y", "magnitude"):
-        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-6)
-
-
 def test_unseen_pixels_count_nothing(images) -> None:
     gray, range_m = images
     is_seen = np.zeros((H, W), bool)

@@ -29,7 +29,7 @@ def observe(site, pose, number):
 
 def test_what_was_learned_deviates_more_by_chance(site):
     edges = Site(room(), PANORAMA, 1.2, build(FilterParams, SETTINGS | {"likeness.kind": "gradients"}), is_ready=False)
-    assert [one.filter().evidence._chance_sigma for one in (site, edges)] == [0.9, 0.6]
+    assert [one.filter().evidence._chance_sigma for one in (site, edges)] == [1.35, 0.9]
 
 
 def test_a_place_is_recovered_from_nowhere(site):

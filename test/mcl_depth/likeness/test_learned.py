@@ -1,4 +1,4 @@
-"""The learned likeness as the filter sees it: one answer by particles and by the survey, mirrors, bytes."""
+"""The learned likeness as the filter sees it: one answer by particles and by the survey, bytes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import pytest
 from mcl_depth.constants import CHANCE
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness.encoder import load_encoders
-from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, compare_learned, pack, unpack
+from mcl_depth.likeness.learned import LearnedFilter, compare_learned, pack, unpack
 from mcl_depth.params import SynthesisParams
 
 WINDOW = panorama_window(SynthesisParams())
 NUM_CELLS, NUM_HEADINGS = 60, 36
-EVERYWHERE = np.ones((WINDOW.height, WINDOW.width), np.bool_)
 
 
 @pytest.fixture(scope="module")
@@ -33,22 +32,11 @@ def features(encoders):
     return encoders.features_of_depths(ranges, WINDOW)
 
 
-class Seen(LearnedFeatures):
-    """An image whose features are those of a cell, turned."""
-
-    def __init__(self, found):
-        object.__setattr__(self, "_found", found)
-
-    @property
-    def features(self):
-        return self._found
-
-
 def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
     stack = pack(features)
     survey = LearnedFilter.of(stack, np.arange(NUM_CELLS))
     for cell, columns in ((7, 0), (33, 25), (59, 80)):
-        seen = Seen(np.roll(features[cell], columns, axis=-1))
+        seen = np.roll(features[cell], columns, axis=-1)
         heading = columns * 4 // 10
         curves = survey.curves(seen, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
@@ -62,7 +50,7 @@ def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
 
 def test_the_survey_is_the_circular_correlation_of_the_features(features):
     survey = LearnedFilter.of(pack(features), np.arange(NUM_CELLS))
-    found = survey.curves(Seen(features[5]), NUM_HEADINGS) / features.shape[-1]
+    found = survey.curves(features[5], NUM_HEADINGS) / features.shape[-1]
     columns = features.shape[-1]
     shifted = np.stack([np.roll(features[5], shift, axis=-1) for shift in range(columns)])
     wanted = np.einsum("scyx,ncyx->ns", shifted, features)
@@ -76,12 +64,3 @@ def test_the_survey_is_the_circular_correlation_of_the_features(features):
 def test_bytes_keep_the_features(features):
     stack = pack(features)
     assert np.abs(unpack(stack) - features).max() <= 0.51 * stack["scale"].max()
-
-
-def test_an_image_is_mirrored_before_it_is_encoded(encoders):
-    gray = np.random.default_rng(8).uniform(0, 255, (WINDOW.height, WINDOW.width)).astype(np.float32)
-    seen = LearnedFeatures(gray, EVERYWHERE, encoders, WINDOW)
-    wanted = encoders.features_of_image(np.ascontiguousarray(gray[:, ::-1]), EVERYWHERE, WINDOW)
-    np.testing.assert_array_equal(seen.mirrored.features, wanted)
-    np.testing.assert_array_equal(seen.mirrored.mirrored.features, seen.features)
-    assert np.abs(seen.mirrored.features - seen.features).max() > 1e-3
