@@ -52,7 +52,8 @@ APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what 
 NUM_MAXIMA, MAXIMA_SHARE, TAIL = 40, 0.5, 0.05  # of a map; of all at most; of those that it has room for
 CHANCE_SIGMA = 0.9, 1.35  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
-INDEPENDENT_M = 12.0  # extent of a drive from which on its images err independently (docs/notes/joint_evidence.md)
+# extent of a drive from which on its images err independently, elsewhere and at a rival (docs/notes/joint_evidence.md)
+INDEPENDENT_M, ROOM_M = 12.0, 8.0
 TURNS = 0.25, 0.5, 0.75  # of a circle, between views and way of control drives
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 

@@ -44,6 +44,7 @@ from mcl_depth.constants import (
     PATCH,
     PEAK,
     RIVAL_SCALE,
+    ROOM_M,
     TAIL,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -224,16 +225,15 @@ def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple
     p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). Without a rival nothing is told: 1.
 
-    Images of one room err together, for a room elsewhere and for its twin next door: both log odds count by the share
-    that the drive's extent has of `INDEPENDENT_M`.
+    Images of one room err together, for a room elsewhere and for its twin next door: the log odds count by the
+    share that the drive's extent has of `INDEPENDENT_M` and of `ROOM_M`.
     """
     if len(values) < 2:
         return 1.0, 1.0
     root = np.sqrt(level.num_images)
     z = max(float((values[0] - level.turned) / root - 1.0), 0.0)
-    independent = min(level.extent_m / INDEPENDENT_M, 1.0)
-    p_elsewhere = float(np.exp(-0.5 * independent * (z / sigma) ** 2))
-    p_rival = float(np.exp(-independent * (values[0] - values[1]) / RIVAL_SCALE))
+    p_elsewhere = float(np.exp(-0.5 * min(level.extent_m / INDEPENDENT_M, 1.0) * (z / sigma) ** 2))
+    p_rival = float(np.exp(-min(level.extent_m / ROOM_M, 1.0) * (values[0] - values[1]) / RIVAL_SCALE))
     return p_elsewhere, max(p_elsewhere, p_rival)
 
 

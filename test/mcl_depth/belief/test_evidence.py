@@ -75,7 +75,7 @@ def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
     assert chances_of_place(np.array([18.0, 9.0]), later, SIGMA)[0] > 10.0 * p_elsewhere
     assert chances_of_place(np.array([5.5, 1.0]), sure, SIGMA) == (1.0, 1.0)
     rooms = chances_of_place(np.array([18.0, 15.0]), replace(sure, extent_m=6.0), SIGMA)
-    assert rooms == pytest.approx((p_elsewhere**0.5, np.exp(-1.5 / RIVAL_SCALE)))  # images of one room err together
+    assert rooms == pytest.approx((p_elsewhere**0.5, np.exp(-2.25 / RIVAL_SCALE)))  # images of one room err together
     assert chances_of_place(np.array([20.0]), sure, SIGMA) == (1.0, 1.0)  # no rival
     wide, narrow = (chances_of_place(np.array([18.0, 9.0]), sure, sigma)[0] for sigma in (2 * SIGMA, SIGMA))
     assert wide == pytest.approx(narrow**0.25)
