@@ -7,7 +7,7 @@ the view has a light of its own, with a slope: what a lamp does there is no moti
 observations: how differently they pull is the deviation.
 
 That holds for small stretches. Of a large one a part is found: with a lens that is so much longer the next image is
-aligned anew, and so on until little is left. What an image tells then counts if it resembles the map more.
+aligned anew, though that may fit less, until little is left. What an image tells then counts if it fits better.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def find_stretches(
     found, remaining = measure_stretches(seen, here, coarse, motion)
     left = _steps(found)
     is_settled = max(map(abs, left.values()), default=0) <= most
-    if not (found and here.is_converged) or remaining > misfit * (LENS_LEFT if is_settled else 1.0):
+    if not (found and here.is_converged) or (is_settled and remaining > misfit * LENS_LEFT):
         return by_told, {}
     if not is_settled:
         return [], {name: longer.get(name, 0) + steps for name, steps in left.items()}
