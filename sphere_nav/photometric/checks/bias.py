@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_nav.estimation.normal_equations import weighted_step
-from sphere_nav.estimation.robust import HUBER, huber_weights
-from sphere_nav.geometry.arrays import Array, Integers
+from sphere_nav.estimation.robust import weigh
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.constants import MIN_SIGMA, NUM_REWEIGHTINGS
 from sphere_nav.photometric.pixels.samples import Sample
+
+LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,24 +32,31 @@ class PoseBias:
 NO_BIAS = PoseBias()
 
 
-def linearize_samples(sample: Sample) -> tuple[Array, Array]:
-    """Return the derivative (N, 6 + 2 * views) of the residuals (N,), and these; columns of a view: gain, bias."""
+def linearize_samples(sample: Sample) -> LeastSquares:
+    """Return the derivative (N, 6 + 2 * views) of the residuals (N,), and the view (N,) of each.
+
+    Columns of a view: gain, bias.
+    """
     names, owner = np.unique(sample.view, return_inverse=True)
     J, rows, gain = np.zeros((len(owner), 6 + 2 * len(names))), np.arange(len(owner)), 6 + 2 * owner
     J[:, :6], J[rows, gain], J[rows, gain + 1] = sample.by_pose, sample.current, 1.0
-    return J, sample.residual
+    return J, sample.residual, owner
 
 
-def solve_robustly(J: Array, residual: Array, cell: Integers) -> tuple[Array, Array, Array]:
-    """Return the step, the residuals (N,) after it, and their weights (N,): Huber's, by the residuals of each cell.
-
-    A cell (N,) that agrees by chance has larger ones than those that show the map, and counts for little.
-    """
+def solve_robustly(J: Array, residual: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """Return the step, the residuals (N,) after it, and their weights (N,)."""
     remaining = residual
     for _ in range(NUM_REWEIGHTINGS):
-        square = np.bincount(cell, remaining**2)[cell] / np.bincount(cell)[cell]
-        sigma = np.maximum(np.sqrt(square), MIN_SIGMA)
-        weight = huber_weights(np.abs(remaining) / sigma, HUBER) / sigma**2
+        weight = _weights(remaining, owner)
         x = weighted_step(J, residual, weight)
         remaining = residual + J @ x
     return x, remaining, weight
+
+
+def _weights(residual: Array, owner: NDArray[np.int64]) -> Array:
+    """Return Huber's weights (N,) by the scatter of each view."""
+    weight = np.empty(len(residual))
+    for index in np.unique(owner):
+        own = owner == index
+        weight[own], _ = weigh(residual[own], MIN_SIGMA)
+    return weight

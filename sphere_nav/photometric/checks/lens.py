@@ -23,10 +23,11 @@ from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import FrameMotion, Spherical
-from sphere_nav.geometry.arrays import Array, Integers
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.judgement import Alignment
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.bias import LeastSquares
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,
@@ -140,7 +141,7 @@ def solve_stretches(sample: Sample, lenses: Mapping[int, str]) -> tuple[list[Str
     return [Stretch(*one) for one in told], weigh(residual, 0.0)[1]
 
 
-def _without_light(sample: Sample, J: Array) -> tuple[Array, Array, Integers]:
+def _without_light(sample: Sample, J: Array) -> LeastSquares:
     """Return derivatives and residuals of the pixels without what the light of their cells explains, and the cells.
 
     That is a gain, a bias and its slopes, in each cell of each view on its own.

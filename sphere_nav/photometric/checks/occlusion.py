@@ -43,8 +43,7 @@ def find_occlusion_bias(sampler: Sampler, sample: Sample, T_world_body: SE3) -> 
     for _ in range(BIAS_STEPS if share >= OCCLUSION_SHARE else 0):
         if len(kept) <= MIN_VISIBLE_SHARE * len(sample):
             break
-        J, residual = linearize_samples(replace(kept, of_image=kept.of_reference))
-        step = solve_robustly(J, residual, cell_of(kept, CELLS))[0][:6]
+        step = solve_robustly(*linearize_samples(replace(kept, of_image=kept.of_reference)))[0][:6]
         T_bias = T_bias @ SE3.exp(step)
         if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break

@@ -89,8 +89,8 @@ def _follow(vote: Voter, T_world_body: SE3) -> Support:
     for _ in range(BIAS_STEPS):
         if votes.chance > MAX_CHANCE:
             break
-        J, residual = linearize_samples(votes.kept)
-        step, remaining, weight = solve_robustly(J, residual, votes.owner)
+        J, residual, owner = linearize_samples(votes.kept)
+        step, remaining, weight = solve_robustly(J, residual, owner)
         inverse, gradients = scaled_inverse((weight[:, None] * J).T @ J), (weight * remaining)[:, None] * J
         covariance = clustered_covariance(inverse, gradients, votes.owner, J.shape[1])[:6, :6]
         if step[:6] @ scaled_inverse(covariance) @ step[:6] < gate(6, 0.05):  # it says nothing

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry.arrays import TINY, Array, Integers
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.so3 import hat
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import (
@@ -58,7 +58,7 @@ class Votes:
     """
 
     sample: Sample
-    cell: Integers
+    cell: NDArray[np.int64]
     is_known: NDArray[np.bool_]
     shift: Array
 
@@ -73,7 +73,7 @@ class Votes:
         return self.sample.where(self.agrees[self.cell])
 
     @property
-    def owner(self) -> Integers:
+    def owner(self) -> NDArray[np.int64]:
         """The cell of each pixel of `kept`."""
         return self.cell[self.agrees[self.cell]]
 
