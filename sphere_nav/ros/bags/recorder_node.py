@@ -72,6 +72,11 @@ class BagRecorder(ManagedNode):
         """Subscribe to what is there already."""
         self._look()
 
+    def deactivate(self) -> None:
+        """Record what has come and waits for its turn: its publisher knows that it arrived, and may be gone."""
+        for wanted in self.recorded.values():
+            self.ros.take_waiting(wanted)
+
     def cleanup(self) -> None:
         """Complete the bag."""
         missing = sorted(self.wanted - {topic for topic, wanted in self.recorded.items() if wanted.num_received})

@@ -5,10 +5,12 @@ import os
 import shlex
 import signal
 import sys
+import time
 from contextlib import closing
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
@@ -171,6 +173,23 @@ def test_a_second_recorder_takes_the_next_name_and_the_first_one_goes_on(recorde
     assert not partial.exists()
     with BagReader(drive) as bag:
         assert verify_bag(bag)[1] == []
+
+
+@pytest.mark.dds
+def test_what_waits_at_the_end_is_recorded(recorder, tmp_path):
+    shell = recorder(tmp_path / "late")
+    publisher = shell.create_publisher(String, "/text", 30)
+    shell.node._look()
+    ends = time.monotonic() + PATIENCE
+    while not publisher.get_subscription_count() and time.monotonic() < ends:
+        time.sleep(0.01)
+    for number in range(30):
+        publisher.publish(String(data=str(number)))
+    assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+    shell.stop()
+    shell.destroy_publisher(publisher)
+    with BagReader(tmp_path / "late") as bag:
+        assert [item.message.data for item in bag.messages(["/text"])] == [str(number) for number in range(30)]
 
 
 def test_what_is_lost_is_told_by_topic(recorder, tmp_path):
