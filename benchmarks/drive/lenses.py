@@ -127,7 +127,11 @@ def draw_dirt(width: int, height: int, share: float, seed: int) -> tuple[Floats,
 def judge(row: Row, found: Found, data: str) -> list[Bound]:
     """Return the bounds of a row."""
     if row.longer:
-        return [Bound(f"{row.name}: neither named nor withheld", MAX_UNNAMED, found.share, "")]
+        off = beyond(found) if len(found.sigmas) else 0.0
+        return [
+            Bound(f"{row.name}: neither named nor withheld", MAX_UNNAMED, found.share, ""),
+            Bound(f"{row.name}: TRACKING beyond 3 sigma", MAX_OFF, off, ""),
+        ]
     return [
         Bound(f"{row.name}: TRACKING", row.least, found.share, "", True, Headline("other light", data)),
         Bound(f"{row.name}: first pose", row.latest_s, found.start_s, "s"),
