@@ -21,8 +21,8 @@ class Mount:
     """A camera on the car: its model, its place, its frame, whether it sees grey only, and its noise.
 
     T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
-    noise in grey levels, shot_noise as variance over the grey level;
-    noises as they are without `imaging`; cameras of one group have one exposure.
+    `noises`: deviation of the read-out in grey levels, variance of the light over the grey level, without `imaging`;
+    cameras of one group have one exposure.
     """
 
     name: str
@@ -30,8 +30,7 @@ class Mount:
     camera: Camera
     T_base_camera: SE3
     is_gray: bool
-    noise: float
-    shot_noise: float
+    noises: tuple[float, float]
     group: str
     imaging: ImagingParams = field(default_factory=ImagingParams)
 
@@ -45,9 +44,7 @@ def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     T_base_camera = place @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
     imaging = replace(imaging, vignetting=0.0) if is_sphere else imaging
-    return Mount(
-        "camera", frame_id, camera, T_base_camera, True, params.read_noise, params.shot_noise, "camera", imaging
-    )
+    return Mount("camera", frame_id, camera, T_base_camera, True, params.noises, "camera", imaging)
 
 
 def roof_sphere(params: SphereParams) -> tuple[Mount, ...]:
@@ -56,10 +53,9 @@ def roof_sphere(params: SphereParams) -> tuple[Mount, ...]:
         return ()
     if params.width % 2:
         raise ValueError(f"sphere.width: expected an even number, found {params.width}")
-    T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+    T_base_camera = SE3.from_parts(np.eye(3), params.place)
     camera = Spherical(params.width, params.width // 2)
-    noises = params.read_noise, params.shot_noise
-    return (Mount("sphere", "sphere_link", camera, T_base_camera, False, *noises, "sphere"),)
+    return (Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noises, "sphere"),)
 
 
 def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center = (0.0, 0.0)) -> Camera:
@@ -75,11 +71,11 @@ def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center 
     f = focal_length(params) * scale
     center = ((width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1])
     if params.model == "pinhole":
-        pinhole = Pinhole(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
+        pinhole = Pinhole(width, height, f, f, *center, (*params.distortion, 0.0, 0.0, 0.0))
         camera: Camera = pinhole
         limit = 2 * math.degrees(math.atan(pinhole.max_radius))
     else:
-        camera = fisheye = Fisheye(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
+        camera = fisheye = Fisheye(width, height, f, f, *center, (*params.distortion, 0.0, 0.0))
         limit = 2 * math.degrees(fisheye.max_radius)
     if params.view_deg > limit or f <= 0.0:
         expected = f"expected at most {limit:.0f} with this distortion"
@@ -91,7 +87,8 @@ def focal_length(params: LensParams) -> float:
     """Return the focal length in pixels with which the field of view fills the width."""
     half = math.radians(params.view_deg) / 2
     r = math.tan(half) if params.model == "pinhole" else half
-    radius = r * (1.0 + r * r * (params.k1 + r * r * params.k2))
+    k1, k2 = params.distortion
+    radius = r * (1.0 + r * r * (k1 + r * r * k2))
     return 0.5 * params.columns_rows[0] / max(radius, 1e-2)  # a lens that folds back is refused by its limit
 
 

@@ -41,17 +41,15 @@ def make_rig(params: CameraRigParams, seed: int) -> Rig | None:
 def rig_mounts(params: CameraRigParams, imaging: ImagingParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
-    noises = params.read_noise, params.shot_noise
-    cameras = rig.cameras if rig else ()
     return tuple(
-        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, "rig", imaging)
-        for c in cameras
+        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, params.noises, "rig", imaging)
+        for c in (rig.cameras if rig else ())
     )
 
 
 def rig_place(params: CameraRigParams) -> SE3:
     """Return T_base_rig."""
-    return SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+    return SE3.from_parts(np.eye(3), params.place)
 
 
 def planned_pose(params: CameraRigParams, name: str) -> SE3:
