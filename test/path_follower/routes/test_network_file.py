@@ -8,13 +8,11 @@ import pytest
 
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
-from path_follower.path_files import read_path
+from path_follower.path_files import read_drives, read_path, write_course
 from path_follower.routes.building import build_network
-from path_follower.routes.course import make_course, write_course
-from path_follower.routes.drive_files import read_drives
 from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
-from path_follower.routes.planning import plan
+from path_follower.routes.planning import make_course, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
