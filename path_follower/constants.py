@@ -32,8 +32,7 @@ CREEP = 0.1  # m/s of the last steps, and while the wheels turn at a start; test
 STANDING = 0.03  # m/s of the predicted speed; test_vehicle
 TURNED = 0.1  # rad between wheel and wish within which a start may speed up; test_vehicle
 PREDICTION_STEP = 0.02  # s; test_vehicle
-HISTORY_NS = 3_000_000_000  # of the commands that a prediction goes back to; test_vehicle
-MAX_RUN_NS = 10_000_000_000  # that the model of the car goes through at once: by then all lags are over; test_vehicle
+HISTORY_NS = 10_000_000_000  # of commands that the model goes through: by then all lags are over; test_vehicle
 MAX_POSE_AGE = 0.5  # s that a pose is predicted to the present: somewhat more than max_pose_silence; test_vehicle
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits: two images of 10 Hz; test_vehicle
 
@@ -71,7 +70,7 @@ NOISE_STEPS = 20  # latest steps, by whose scatter poses may be surer than they 
 LEAST_SCATTER = 0.48  # of what they state: what so many steps show in 999 of 1,000 cases, if it is true
 STILL = 0.3  # share of the expected way: less is no motion
 STILL_WAY = 0.2  # m of expected way, the last of it, by which a motion is called still
-MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
+MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: what dead reckoning says of more is worth little
 
 # Times of the loop and of who else commands (ros/test_control, test_peers, test_loop_process)
 TICK = 0.025  # s of steady time between two looks at the clocks

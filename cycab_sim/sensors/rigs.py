@@ -13,7 +13,6 @@ from cycab_sim.params import CameraRigParams, ImagingParams
 from cycab_sim.sensors.cameras import OPTICAL, Mount, make_lens
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
-from sphere_nav.geometry.files.rig_file import rig_text, write_rig
 
 AROUND = {"front": 0.0, "left": 120.0, "right": -120.0}
 RING = {"front": 0.0, "front_left": 60.0, "rear_left": 120.0, "rear": 180.0, "rear_right": -120.0, "front_right": -60.0}
@@ -61,13 +60,6 @@ def planned_pose(params: CameraRigParams, name: str) -> SE3:
     height = -params.baseline if is_vertical and level == "bottom" else 0.0
     away = SE3.from_angles(0.0, 0.0, float(azimuth), [0.0, 0.0, height])
     return away @ SE3.from_parts(OPTICAL, [radius, 0.0, 0.0])
-
-
-def rig_file_text(rig: Rig, path: str = "") -> str:
-    """Return the rig file's text, after writing it to `path` where one is given."""
-    if path:
-        write_rig(path, rig)
-    return rig_text(rig)
 
 
 def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -> RigCamera:

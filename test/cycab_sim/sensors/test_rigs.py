@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from cycab_sim.params import CameraRigParams, ImagingParams
-from cycab_sim.sensors.rigs import make_rig, planned_pose, rig_camera_names, rig_file_text, rig_mounts, rig_place
-from sphere_nav.geometry.files.rig_file import read_rig
+from cycab_sim.sensors.rigs import make_rig, planned_pose, rig_camera_names, rig_mounts, rig_place
 
 EXACT = CameraRigParams(kind="vertical", tolerance=0.0)
-KINDS = ("vertical", "ring")
 
 
 def axes(rig):
@@ -52,15 +50,3 @@ def test_mounts_are_the_rig_on_the_car():
         np.testing.assert_allclose(found.matrix, camera.T_rig_camera.matrix, atol=1e-12)
     assert make_rig(CameraRigParams(), 3) is None
     assert rig_mounts(CameraRigParams(), ImagingParams(), None) == ()
-
-
-def test_the_rig_file_says_what_is_mounted(tmp_path):
-    for kind in KINDS:
-        rig = make_rig(CameraRigParams(kind=kind), 3)
-        path = tmp_path / "rig.yaml"
-        text = rig_file_text(rig, str(path))
-        assert text == path.read_text() == rig_file_text(rig)
-        read = read_rig(path)
-        for a, b in zip(rig.cameras, read.cameras, strict=True):
-            assert (a.name, a.camera, a.level) == (b.name, b.camera, b.level)
-            np.testing.assert_allclose(a.T_rig_camera.matrix, b.T_rig_camera.matrix, atol=1e-12)

@@ -1,6 +1,7 @@
 """What the follower is driven by: poses, or directions whose frame and source are checked."""
 
 import itertools
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -390,6 +391,15 @@ def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
         answer = node.endpoints.call("start")
         assert answer.success != is_required
         assert is_required == ("expected beams where the vehicle drives" in answer.message)
+
+
+def test_a_scanner_has_to_see_as_far_as_the_vehicle_drives_now():
+    """Blind 0.3 rad to both sides: of the way of 1.4 m/s it measures a little more than half, of that of 2 m/s less."""
+    bus, node, _ = started_with_scans()
+    for cruise, is_blind in [(1.4, False), (2.0, True)]:
+        node.tune(replace(node.params, speed=replace(node.params.speed, cruise=cruise)))
+        scan(bus, 14 * [np.inf] + 13 * [np.nan] + 14 * [np.inf])
+        assert ("of the way ahead measured" in node.loop.follower.watch.scan_refusal) == is_blind
 
 
 def test_wheels_of_another_frame_are_refused():
