@@ -18,9 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.bundle import residuals
+from rig_calibration.boards.bundle import AdjustmentProblem, RigState, residuals, rig_problem
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE
 from sphere_nav.geometry import SE3, so3
