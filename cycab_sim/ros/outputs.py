@@ -12,9 +12,9 @@ from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from cycab_sim.sensors.cameras import FRAME, rig_place
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.sensors.imaging import RenderedFrame
-from cycab_sim.sensors.rigs import FRAME, rig_place
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.files.rig_file import rig_text, write_rig
