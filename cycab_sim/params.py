@@ -109,9 +109,7 @@ class TrafficParams:
         0.0, "somebody stands in the way of the car, so far along the path; 0: nobody", "m", low=0.0
     )
 
-    car_speed: ClassVar[float] = 5.0  # mean speed of cars and trams, m/s
-    bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s
-    walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
+    speeds: ClassVar[Mapping[str, float]] = {"road": 5.0, "cycle": 3.5, "walk": 1.3}  # mean, by where they go, m/s
     trams: ClassVar[int] = 1  # trams of three sections
     members: ClassVar[Mapping[str, tuple[int, int, int]]] = {  # cars, cyclists, pedestrians
         "usual": (12, 6, 40), "busy": (20, 10, 80),

@@ -26,20 +26,17 @@ def node():
     return OfflineBus().add(PathFollowerNode)
 
 
-def test_a_path_with_stamps_is_driven_as_it_was_taught(node):
+def test_a_path_with_stamps_is_driven_as_it_was_taught_and_else_at_cruise_speed(node):
     node.on_path(taught(speed=0.6))
     assert node.loop.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
+    node.on_path(taught(length=12.0))
+    assert node.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
 
 
 def test_orientations_that_were_never_filled_in_are_no_headings(node):
     west = poses_to_path([(0, SE3.from_planar(-0.1 * i, 0, 0)) for i in range(50)], SECOND, "map")
-    for unset, goal in [(1.0, 0.0), (0.0, 0.0), (1.0, 1.0)]:
-        for item in west.poses:
-            item.pose.orientation.w = unset
-        west.poses[-1].pose.orientation.z, west.poses[-1].pose.orientation.w = goal, 1.0 - goal
-        node.points = np.empty((0, 2))
-        node.on_path(west)
-        assert [segment.direction for segment in node.loop.follower.path.segments] == [1]
+    node.on_path(west)
+    assert [segment.direction for segment in node.loop.follower.path.segments] == [1]
     for item in west.poses:
         item.pose.orientation.z, item.pose.orientation.w = 1e-3, 1.0
     node.on_path(west)
@@ -63,11 +60,6 @@ def test_a_message_that_would_be_read_for_minutes_is_refused_unread(node):
         node.read_path(bytes(72_000_028))
     node.read_path(serialize_message(taught(length=5.0)))
     assert node.loop.follower.path.length == pytest.approx(4.9)
-
-
-def test_a_path_without_stamps_is_driven_at_cruise_speed(node):
-    node.on_path(taught())
-    assert node.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
 
 
 def test_a_bend_that_the_car_cannot_take_is_told_and_a_straight_path_has_none(node, caplog):
