@@ -109,9 +109,7 @@ class TrafficParams:
         0.0, "somebody stands in the way of the car, so far along the path; 0: nobody", "m", low=0.0
     )
 
-    car_speed: ClassVar[float] = 5.0  # mean speed of cars and trams, m/s
-    bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s
-    walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
+    speeds: ClassVar[Mapping[str, float]] = {"road": 5.0, "cycle": 3.5, "walk": 1.3}  # mean, by where they go, m/s
     trams: ClassVar[int] = 1  # trams of three sections
     members: ClassVar[Mapping[str, tuple[int, int, int]]] = {  # cars, cyclists, pedestrians
         "usual": (12, 6, 40), "busy": (20, 10, 80),
@@ -171,10 +169,8 @@ class SimCameraParams:
         "1,0,1.6,0,4,0", "x,y,z (m),roll,pitch,yaw on base_link; pitch looks down, roll 180: upside down", "deg"
     )
 
-    k1: ClassVar[float] = -0.05  # radial distortion of a lens
-    k2: ClassVar[float] = 0.01  # radial distortion of a lens, second coefficient
-    read_noise: ClassVar[float] = 1.2  # standard deviation of the read-out noise, grey level
-    shot_noise: ClassVar[float] = 0.012  # variance of the shot noise over the grey level, grey level
+    distortion: ClassVar[tuple[float, float]] = (-0.05, 0.01)  # radial, of a lens
+    noises: ClassVar[tuple[float, float]] = (1.2, 0.012)  # read-out: deviation; light: variance over the level
 
     @property
     def columns_rows(self) -> tuple[int, int]:
@@ -202,11 +198,8 @@ class SphereParams:
 
     width: int = param(1024, "columns of the whole sphere, twice the rows; 0: no spheres", "px", low=0, high=8192)
 
-    x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
-    y: ClassVar[float] = 0.0  # place on the car, to the left, m
-    z: ClassVar[float] = 1.8  # height above the ground, m
-    read_noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
-    shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
+    place: ClassVar[tuple[float, float, float]] = (0.4, 0.0, 1.8)  # on the car, from the rear axle, m
+    noises: ClassVar[tuple[float, float]] = (0.8, 0.006)  # read-out: deviation; light: variance over the level
 
 
 @parameters
@@ -220,15 +213,11 @@ class CameraRigParams:
     tolerance: float = param(1.0, "times 1 mm, 0.3 deg, 0.3 % of the focal length: where each is mounted", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
 
-    x: ClassVar[float] = 0.4  # place of the upper cameras' middle on the car, forward of the rear axle, m
-    y: ClassVar[float] = 0.0  # to the left, m
-    z: ClassVar[float] = 1.8  # height above the ground, m
+    place: ClassVar[tuple[float, float, float]] = (0.4, 0.0, 1.8)  # of the upper cameras' middle on the car, m
     baseline: ClassVar[float] = 0.3  # from each camera to the one below it, or to the next of the ring, m
     radius: ClassVar[float] = 0.03  # from the mast of the vertical rig to its cameras, m
-    shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
-    read_noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
-    k1: ClassVar[float] = -0.02  # radial distortion of the lens
-    k2: ClassVar[float] = 0.002  # radial distortion of the lens, second coefficient
+    noises: ClassVar[tuple[float, float]] = (0.8, 0.006)  # read-out: deviation; light: variance over the level
+    distortion: ClassVar[tuple[float, float]] = (-0.02, 0.002)  # radial, of the lens
 
     @property
     def columns_rows(self) -> tuple[int, int]:
@@ -242,9 +231,7 @@ class ImuParams:
 
     is_on: bool = param(False, "publish readings")
 
-    x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
-    y: ClassVar[float] = 0.0  # place on the car, to the left, m
-    z: ClassVar[float] = 0.5  # height above the ground, m
+    place: ClassVar[tuple[float, float, float]] = (0.4, 0.0, 0.5)  # on the car, from the rear axle, m
     period: ClassVar[float] = 0.01  # time between two readings, s
 
 

@@ -19,11 +19,10 @@ from cycab_sim.driver import PurePursuitDriver
 from cycab_sim.params import SimParams, in_condition
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import light_at
-from cycab_sim.sensors.cameras import forward_camera, roof_sphere
+from cycab_sim.sensors.cameras import forward_camera, make_rig, rig_camera_names, rig_mounts, roof_sphere
 from cycab_sim.sensors.faults import SECOND, Faults
 from cycab_sim.sensors.imaging import CameraArray, RenderedFrame, expose
 from cycab_sim.sensors.imu import Imu, ImuReading
-from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scanner
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
 from cycab_sim.world.paths import Path, arc

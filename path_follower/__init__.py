@@ -2,5 +2,5 @@
 
 READ FIRST `follower.py`: predict the pose, locate it on the path, form the errors, apply the law, watch over safety,
 limit to what the car can do. `path.py` is the reference trajectory, `taught.py` makes it from a taught drive,
-`steering.py` and `speed.py` are the two lines of eq. 25, `vehicle.py` the car, `safety.py` the reasons to stop.
+`law.py` is eq. 25, `vehicle.py` the car, `safety.py` the reasons to stop.
 """

@@ -179,7 +179,7 @@ class MotionConsistency:
             return doubt
         self._compare(last, now, variance)
         self._last = now
-        stop = self._judge_motion(now)
+        stop = self._judge_motion()
         return Doubt(stop, stop) if stop is not FINE else self._slow(doubt.slow, time_ns)
 
     def _compare(self, last: Instant, now: Instant, variance: Array) -> None:
@@ -194,7 +194,7 @@ class MotionConsistency:
             self._pose.add(moved, last.wheels, now.wheels, WHEEL_ERRORS, variance)
             self._wheels.add(between(last.wheels.pose, now.wheels.pose), *commanded, COMMAND_ERRORS, NO_VARIANCE)
 
-    def _judge_motion(self, now: Instant) -> Verdict:
+    def _judge_motion(self) -> Verdict:
         """Name what is wrong; a blocked vehicle looks like a frozen pose where no wheels are heard."""
         pose, source = self._pose, "wheels" if self._odometry else "commands"
         if pose.share > 1.0:

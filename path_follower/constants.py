@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 # Trajectory
-SPACING = 0.1  # m between its points, and those of a network; test_taught, routes/test_course
+SPACING = 0.1  # m between its points, and those of a network; test_taught, routes/test_planning
 MIN_SPACING = 0.2  # m; given points closer than this are averaged; test_taught
 MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve; test_taught
 MAX_POINTS = 1_000_000  # of a given path; test_taught
@@ -21,25 +21,24 @@ SAME_DIRECTION = 0.3  # rad: passes of the path turned this much more than the b
 SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for; test_safety
 
 # Control law
-K_X = 0.8  # 1/m, gain of the longitudinal error (M15 eq. 25); test_speed
-EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
-GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
-MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_speed
+K_X = 0.8  # 1/m, gain of the longitudinal error (M15 eq. 25); test_law
+EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_law
+GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_law
+MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_law
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 
 # Car
-CREEP = 0.1  # m/s of the last steps, and while the wheels turn at a start; test_speed
+CREEP = 0.1  # m/s of the last steps, and while the wheels turn at a start; test_law
 STANDING = 0.03  # m/s of the predicted speed; test_vehicle
 TURNED = 0.1  # rad between wheel and wish within which a start may speed up; test_vehicle
 PREDICTION_STEP = 0.02  # s; test_vehicle
-HISTORY_NS = 3_000_000_000  # of the commands that a prediction goes back to; test_vehicle
-MAX_RUN_NS = 10_000_000_000  # that the model of the car goes through at once: by then all lags are over; test_vehicle
+HISTORY_NS = 10_000_000_000  # of commands that the model goes through: by then all lags are over; test_vehicle
 MAX_POSE_AGE = 0.5  # s that a pose is predicted to the present: somewhat more than max_pose_silence; test_vehicle
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits: two images of 10 Hz; test_vehicle
 
 # Stops
 MAX_DEGRADED_TIME = 10.0  # s of driving in DEGRADED, or by an uncertain pose; test_safety, test_consistency
-MAX_OFF_HEADING = 1.0  # rad off the path, beyond which it was left; the law cuts what is more; test_safety, test_speed
+MAX_OFF_HEADING = 1.0  # rad off the path, beyond which it was left; the law cuts what is more; test_safety, test_law
 SENSOR_SILENCE = 0.4  # s of scans, once there was one, and of odometry, which is carried on so long; test_safety
 MAX_YAW_DEVIATION = 0.25  # rad of standard deviation: drives slowly above it, stops above twice; test_consistency
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles
@@ -71,7 +70,7 @@ NOISE_STEPS = 20  # latest steps, by whose scatter poses may be surer than they 
 LEAST_SCATTER = 0.48  # of what they state: what so many steps show in 999 of 1,000 cases, if it is true
 STILL = 0.3  # share of the expected way: less is no motion
 STILL_WAY = 0.2  # m of expected way, the last of it, by which a motion is called still
-MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
+MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: what dead reckoning says of more is worth little
 
 # Times of the loop and of who else commands (ros/test_control, test_peers, test_loop_process)
 TICK = 0.025  # s of steady time between two looks at the clocks

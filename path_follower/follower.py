@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from path_follower.arming import Arming
-from path_follower.command import Command, FollowerReport, TrackingError
 from path_follower.constants import CREEP, GOAL_TOLERANCE, SEARCH_WINDOW, STEADY_NS
-from path_follower.modes import SLOWLY, Event, FollowerState, Phase
-from path_follower.path import Pose2
+from path_follower.law import TrackingError, bounded_speed, curvature_law, eased_speed, errors_of, speed_law
+from path_follower.modes import SLOWLY, Event, FollowerReport, FollowerState, Phase
 from path_follower.reasons import FINE, Severity, StopReason, severity_of
-from path_follower.speed import bounded_speed, eased_speed, speed_law
-from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
-from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Verdict
 
 
-class Follower(Arming):
-    """Give it poses with `update`, time without poses with `tick`; nothing moves before `start`."""
+@dataclass(frozen=True)
+class Command:
+    """Speed of the rear axle m/s, its yaw rate rad/s and the angle of the front wheel rad that belong together."""
 
-    # --- one step
-    def update(
-        self, pose: Pose2, speed: float | None, stamp_ns: int, localization_state: str = "", now_ns: int | None = None
-    ) -> Command:
-        """Answer a pose of stamp `stamp_ns`; `speed` m/s as measured, None if unknown; an empty state is no news."""
-        now_ns = max(stamp_ns, self.limiter.last_ns or stamp_ns) if now_ns is None else now_ns
-        if localization_state:
-            self.watch.see_status(localization_state, now_ns)
-        self.see_pose(SE3.from_planar(*pose), min(stamp_ns, now_ns), speed)
-        return self.tick(now_ns)
+    stamp_ns: int
+    speed: float
+    yaw_rate: float
+    steering_angle: float
+    tracking: TrackingError | None
+    status: FollowerReport
+
+
+class Follower(Arming):
+    """Give it poses with `see_pose`, and time with `tick`; nothing moves before `start`."""
 
     def tick(self, now_ns: int) -> Command:
         """Return the command for now: locate, predict, form the errors, judge, apply the law, limit."""
@@ -142,4 +139,4 @@ class Follower(Arming):
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
         coming = eased_speed(self.path, tracking, self.limiter.last, self.limiter.gain, self.params.vehicle)
         slow = min(slow, max(coming, CREEP))
-        return bounded_speed(speed, tracking, self.params, slow=slow, is_starting=is_starting), curvature
+        return bounded_speed(speed, tracking, slow=slow, is_starting=is_starting), curvature

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from path_follower.command import TrackingError
 from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE
 from path_follower.follower import Follower
+from path_follower.law import TrackingError
 from path_follower.modes import Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams

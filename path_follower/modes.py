@@ -9,8 +9,9 @@ an operator.
 from __future__ import annotations
 
 import enum
+from dataclasses import dataclass
 
-from path_follower.reasons import FINE, GENTLE, Severity, StopReason, severity_of
+from path_follower.reasons import FINE, GENTLE, REMEDIES, Severity, StopReason, severity_of
 from sphere_nav.localization.status import Verdict
 
 
@@ -25,6 +26,23 @@ class FollowerState(enum.StrEnum):
     STOPPING = "STOPPING"
     STOPPED = "STOPPED"
     FINISHED = "FINISHED"
+
+
+@dataclass(frozen=True)
+class FollowerReport:
+    """What the follower does and why; lengths in m."""
+
+    state: FollowerState
+    verdict: Verdict
+    progress: float
+    distance_to_end: float
+    is_armed: bool
+    permission: int  # the number of the one in force, or of the last
+
+    @property
+    def remedy(self) -> str:
+        """One line that says what to do."""
+        return self.verdict.advise(REMEDIES)
 
 
 class Phase(enum.Enum):

@@ -77,7 +77,7 @@ class SpeedParams:
 
 @parameters
 class SteeringParams:
-    """The lateral part of the law (M15 eq. 25); `steering.py` derives the gains from closed-loop poles."""
+    """The lateral part of the law (M15 eq. 25); `law.py` derives the gains from closed-loop poles."""
 
     k_y: float = param(
         0.81, "gain of the lateral error: the square of the natural frequency along the way", "1/m^2", low=0.0

@@ -1,9 +1,9 @@
-"""Reference trajectories in files: TUM poses of a taught drive, CSV, and YAML of a nav_msgs/Path."""
+"""Reference trajectories and drives in files: TUM poses of a taught drive, CSV, and YAML of a nav_msgs/Path."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,12 @@ import numpy as np
 from path_follower.constants import MAX_POINTS
 from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import Given, make_path, taught_speeds, told_headings
+from path_follower.smoothing import TaughtDrive
+from path_follower.taught import Given, make_drives, make_path, taught_speeds, told_headings
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import load_yaml, number, read_as, read_text, required, short, told_at
-from sphere_nav.geometry.trajectory import read_map_id, read_tum
+from sphere_nav.geometry.files.whole_file import write_whole
+from sphere_nav.geometry.trajectory import MAP_ID, read_map_id, read_tum
 
 COLUMNS = ("x", "y", "yaw", "speed")
 UNBOUNDED = 1e3  # m/s
@@ -28,6 +31,26 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams) -> Reference
         raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
     with told_at(file):
         return make_path(given, params)
+
+
+def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = False) -> tuple[list[TaughtDrive], str]:
+    """Return the drives of a file of a path, one for each direction in turn, and the id of their map.
+
+    `is_reversible`: what was taught in one direction may be driven in the other one, too. ValueError in one line.
+    """
+    given = read_given(file)
+    with told_at(file):
+        taught = make_drives(given, params)
+    directions = (1, -1) if is_reversible else (1,)
+    return [replace(one, direction=sign * one.direction) for one in taught for sign in directions], given.map_id
+
+
+def write_course(file: Path, points: Array, map_id: str, fastest: float = UNBOUNDED) -> None:
+    """Write points of `make_course` for the follower; where a speed is not known it is `fastest`, or its limits."""
+    head = f"{MAP_ID} {map_id}\n" if map_id else ""
+    rows = np.where(np.isfinite(points), points, fastest).tolist()
+    lines = "\n".join(",".join(f"{value:.5f}" for value in row) for row in rows)
+    write_whole(file, f"{head}x,y,yaw,speed\n{lines}\n")
 
 
 def read_given(file: Path) -> Given:

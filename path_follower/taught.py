@@ -17,10 +17,10 @@ from path_follower.constants import (
     MIN_LENGTH,
     MIN_TAUGHT,
 )
+from path_follower.law import speed_limits, speed_profile
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath, Segment, turned_by
 from path_follower.smoothing import Curve, TaughtDrive, smooth_curve
-from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from path_follower.constants import (
     HISTORY_NS,
     MAX_POSE_AGE,
-    MAX_RUN_NS,
     MAX_STEP_NS,
     PREDICTION_STEP,
     STANDING,
@@ -207,9 +206,9 @@ class Predictor:
     def _run(self, state: Motion, from_ns: int, to_ns: int, pose: Pose2 = ORIGIN) -> tuple[Motion, Pose2]:
         """Let the actuators follow the commands known, first-order lags after a dead time.
 
-        Where the clock leaps, through the last `MAX_RUN_NS` alone: years of /clock would take hours.
+        Where the clock leaps, through the last `HISTORY_NS` alone: years of /clock would take hours.
         """
-        speed, angle, now = state.speed, state.steering_angle, max(from_ns, to_ns - MAX_RUN_NS)
+        speed, angle, now = state.speed, state.steering_angle, max(from_ns, to_ns - HISTORY_NS)
         dead_ns = round(self.actuation.dead_time * 1e9)
         while now < to_ns:
             end = min(now + round(PREDICTION_STEP * 1e9), to_ns)

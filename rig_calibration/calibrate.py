@@ -10,11 +10,11 @@ import numpy as np
 
 from rig_calibration.boards.assembly import Sighting, StartingPoint, board_turns, start_of_rig
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.bundle import RigState
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
 from rig_calibration.boards.quality import disagreements, quality_warnings
 from rig_calibration.boards.rejection import adjust
-from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, validate
 from rig_calibration.boards.views import BoardView, camera_observations
 from rig_calibration.constants import MIN_SEEN, MIN_VIEWS

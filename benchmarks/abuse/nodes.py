@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from cycab_sim.params import CameraRigParams
 from cycab_sim.ros.node import CycabSim
-from cycab_sim.sensors.rigs import make_rig
+from cycab_sim.sensors.cameras import make_rig
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard

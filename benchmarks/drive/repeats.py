@@ -23,9 +23,9 @@ from benchmarks.commands import call, read_states
 from benchmarks.drive.missions import Taught, record_drive
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
-from cycab_sim.sensors.rigs import rig_file_text
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.rig_file import rig_text
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader
@@ -90,7 +90,7 @@ class Way:
         simulator = Simulator(build(SimParams, values))
         record_drive(simulator, bag, self.length_m)
         if simulator.rig is not None:
-            (bag / "rig.yaml").write_text(rig_file_text(simulator.rig, ""), encoding="utf-8")
+            (bag / "rig.yaml").write_text(rig_text(simulator.rig), encoding="utf-8")
 
     def teach(self, folder: Path) -> Taught:
         """Drive and map the first day in a folder."""

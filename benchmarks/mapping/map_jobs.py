@@ -15,7 +15,7 @@ from benchmarks.commands import COMMAND
 from benchmarks.machine import num_cores
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rig import images_along, rig_in_world
-from cycab_sim.sensors.rigs import rig_place
+from cycab_sim.sensors.cameras import rig_place
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import array_to_image, se3_to_transform

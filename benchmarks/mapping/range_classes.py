@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rig import images_of, rig_in_world
-from cycab_sim.sensors.rigs import rig_place
+from cycab_sim.sensors.cameras import rig_place
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical

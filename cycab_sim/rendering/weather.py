@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams, SeasonParams
-from cycab_sim.rendering.kernels import compare_depths
-from cycab_sim.rendering.lamps.kernels import collect_lit
+from cycab_sim.rendering.kernels import collect_lit, compare_depths
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import UNIT, SkyLight
 from cycab_sim.world.mesh import Mesh

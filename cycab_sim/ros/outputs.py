@@ -12,11 +12,12 @@ from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from cycab_sim.sensors.cameras import FRAME, rig_place
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.sensors.imaging import RenderedFrame
-from cycab_sim.sensors.rigs import FRAME, rig_file_text, rig_place
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.files.rig_file import rig_text, write_rig
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.endpoints import Endpoints, Publisher
 
@@ -60,7 +61,9 @@ class Outputs:
         places = [(mount.T_base_camera, mount.frame_id) for mount in simulator.mounts.values()]
         if simulator.rig is not None:
             places.append((rig_place(simulator.params.rig), FRAME))
-            self.description.publish(String(data=rig_file_text(simulator.rig, simulator.params.rig.file)))
+            self.description.publish(String(data=rig_text(simulator.rig)))
+            if simulator.params.rig.file:
+                write_rig(simulator.params.rig.file, simulator.rig)
         if simulator.params.imu.is_on:
             places.append((simulator.imu.T_base_imu, IMU))
         if simulator.params.scan.is_on:

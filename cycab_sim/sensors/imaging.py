@@ -70,8 +70,9 @@ class CameraArray:
             levels = levels * (fall if mount.is_gray else fall[..., None])
         self._exposures[mount.group].observe(now_ns, levels)
         seed = (self._noise_seed, index, zlib.crc32(name.encode()))
-        noise = float(np.hypot(imaging.noise * mount.noise, self._faults.magnitude(name, "noise", now_ns) or 0.0))
-        shot_noise = imaging.noise**2 * mount.shot_noise  # a variance
+        deviation, variance = mount.noises
+        noise = float(np.hypot(imaging.noise * deviation, self._faults.magnitude(name, "noise", now_ns) or 0.0))
+        shot_noise = imaging.noise**2 * variance
         image = expose(levels, noise, shot_noise, seed, self._faults.magnitude(name, "bias", now_ns) or 0.0)
         self._last[name] = RenderedFrame(image, range_m, mount.camera, now_ns)
         return self._last[name]

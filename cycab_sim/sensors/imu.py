@@ -49,7 +49,7 @@ class Imu:
 
     def __init__(self, params: ImuParams, seed: int, errors: ImuErrors | None = None) -> None:
         self.errors = errors = errors or ImuErrors()
-        self.T_base_imu = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+        self.T_base_imu = SE3.from_parts(np.eye(3), params.place)
         self._seed = seed
         self._rng = np.random.default_rng([seed, 23])
         self._biases = self._rng.standard_normal((2, 3)) * [[errors.acceleration_bias], [errors.rate_bias]]

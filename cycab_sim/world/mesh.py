@@ -119,10 +119,10 @@ class MeshBuilder:
         self._new_surface(self.place(frame), finish)
         self._add_quads(quads, np.full(len(quads), self.num_surfaces - 1))
 
-    def solid(self, triangles: ArrayLike, finish: Finish, origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Add free triangles (N, 3, 3) as one surface with texture in space around `origin`, u, v, w = x, y, z."""
+    def solid(self, triangles: ArrayLike, finish: Finish) -> None:
+        """Add free triangles (N, 3, 3) as one surface with texture in space, u, v, w = x, y, z."""
         faces = self.place(triangles)
-        self._new_surface(self.place(origin) + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
+        self._new_surface(self.place(np.zeros(3)) + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
         self._triangles.append(faces)
         self._surface_of.append(np.full(len(faces), self.num_surfaces - 1))
 

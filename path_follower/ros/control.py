@@ -15,11 +15,10 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
-from path_follower.command import Command, FollowerReport
 from path_follower.constants import ACKNOWLEDGE, CYCLE_LOOKS, LOOK_PERIOD, MAX_CLOCK_PAUSE, REPEAT_NS, SILENCE, TICK
-from path_follower.follower import Follower
+from path_follower.follower import Command, Follower
 from path_follower.homing import HomingFollower
-from path_follower.modes import FollowerState
+from path_follower.modes import FollowerReport, FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.reasons import FINE, StopReason, describe

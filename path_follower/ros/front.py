@@ -11,7 +11,7 @@ import signal
 import threading
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, ClassVar, Protocol, cast
+from typing import Any, ClassVar, cast
 
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.node import ManagedNode
@@ -19,13 +19,6 @@ from sphere_nav.ros.node import ManagedNode
 PATIENCE, LONG_PATIENCE = 2.0, 20.0  # s for an answer of the loop, whose cycle is milliseconds; and until it is made
 PRIORITY = 5  # nice value of a front that is active
 LOOP = "SPHERE_NAV_LOOP"  # in the environment: descriptors of the connection to the loop, and of what tells its end
-
-
-class LoopRequests(Protocol):
-    """What a front asks of its loop."""
-
-    def ask(self, name: str, *values: Any) -> Any:
-        """Carry out a request by name; ValueError says why not."""
 
 
 class LoopEnded(ValueError):
@@ -67,7 +60,7 @@ class FrontNode(ManagedNode):
     def configure(self) -> None:
         """Begin the loop, here or in the process of its own."""
         if self.remote is None:
-            self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params)
+            self.loop: Any = self.LOOP_CLASS(self.endpoints, self.params)
             return
         shell = cast("Any", self.endpoints)
         overrides = {key: value.value for key, value in shell._parameter_overrides.items() if key.startswith("qos_")}

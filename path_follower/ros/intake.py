@@ -212,7 +212,7 @@ class ScanIntake:
     """Obstacles, seen from base_link. A scan that cannot be used, or sees nothing where it should, counts as none."""
 
     def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
-        self._follower, self._endpoints, self._params = follower, endpoints, params
+        self._follower, self._endpoints, self._base = follower, endpoints, params.base_frame
         self.frame, self._placed, self._T_base_scan = "", "", SE3.identity()  # of the scanner; the one that is placed
         self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
@@ -229,8 +229,7 @@ class ScanIntake:
             time = time_of(conversions.stamp_ns(message), self._endpoints)
             points = driving.scan_to_points(message)
             if self.frame != self._placed:
-                base = self._params.base_frame
-                raise TransformError(f"tf: expected a transform {self.frame} -> {base}, found none yet")
+                raise TransformError(f"tf: expected a transform {self.frame} -> {self._base}, found none yet")
             self._check_sight(message)
         except ValueError as error:
             self._follower.watch.refuse_scan(str(error))
@@ -245,13 +244,14 @@ class ScanIntake:
         if share < MIN_MEASURED * usual:
             expected = f"about {usual:.0%} of the beams to measure, as lately"
             raise ValueError(f"scan: ranges: expected {expected}, found {share:.0%} (NaN, 0 or below range_min: none)")
-        places = swept_places(self._follower.heading, self._params)
+        params = self._follower.params  # as they are now: some are live
+        places = swept_places(self._follower.heading, params)
         height = np.full((len(places), 1), self._T_base_scan.translation[2])
         x, y, _ = self._T_base_scan.inverse().apply(np.concatenate([places, height], axis=1)).T
         turn = (np.arctan2(y, x) - message.angle_min) * np.sign(message.angle_increment or 1.0) % (2.0 * np.pi)
         beam = np.rint(turn / max(abs(message.angle_increment), 1e-9))
         seen = measured[beam[beam < len(measured)].astype(int)]
-        if seen.size == 0 and self._params.safety.is_scan_required:
+        if seen.size == 0 and params.safety.is_scan_required:
             raise ValueError("scan: expected beams where the vehicle drives (safety.is_scan_required), found none")
         if seen.size and seen.mean() < MIN_MEASURED:
             expected = f"at least {MIN_MEASURED:.0%} of the way ahead measured (+Inf where nothing is in range)"

@@ -15,8 +15,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
+from path_follower.path_files import write_course
 from path_follower.routes.constants import TICK
-from path_follower.routes.course import write_course
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Outcome, Request
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams

@@ -31,10 +31,9 @@ from path_follower.routes.constants import (
     SMOOTHED,
     STEADY,
 )
-from path_follower.routes.course import make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import Leg, Route, plan, with_laps
+from path_follower.routes.planning import Leg, Route, make_course, plan, with_laps
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State
 

@@ -1,4 +1,4 @@
-"""The quickest way over a network: Dijkstra over edges and the direction in which each is driven.
+"""The quickest way over a network, by Dijkstra over edges and the direction in which each is driven, and its path.
 
 States are directed edges, not nodes, so that a change of direction (a cusp) has its cost, and so that a round can end
 on the edge that it began on.
@@ -15,6 +15,7 @@ from itertools import count
 
 import numpy as np
 
+from path_follower.constants import MAX_POINTS
 from path_follower.routes.constants import AT_PLACE, CUSP_COST, REVERSE_COST
 from path_follower.routes.network import Network, RouteEdge, Spot
 from sphere_nav.geometry.arrays import Array
@@ -151,3 +152,18 @@ def with_laps(network: Network, route: Route, laps: int, *, cruise: float, close
     starts = [spot for spot in goals if node is None or spot.s == 0.0 or last.direction < 0]
     once = plan(network, starts, goals, cruise=cruise, closed=closed, is_round=True)
     return Route(route.legs + laps * once.legs, route.seconds + laps * once.seconds, len(once.legs))
+
+
+def make_course(network: Network, route: Route) -> Array:
+    """Return the path of a route: points (N, 4) in order of driving; ValueError for one of too many.
+
+    Their columns are x, y, yaw of the vehicle, not of the way, and speed.
+    """
+    parts = [
+        network.edges[leg.edge].curve.part(*sorted((leg.first, leg.last))).columns.T[:: leg.direction]
+        for leg in route.legs
+    ]
+    points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    if len(points) > MAX_POINTS:
+        raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(points)}: fewer laps")
+    return points

@@ -18,9 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.bundle import residuals
+from rig_calibration.boards.bundle import AdjustmentProblem, RigState, residuals, rig_problem
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE
 from sphere_nav.geometry import SE3, so3
@@ -215,7 +214,13 @@ def start_of_rig(
     A board that looks alike after a turn gives one pose for every turn. ValueError names the cameras that stay apart.
     """
     found = assemble(seen, T_rig_reference, len(names))
-    check_joined(names, set(found.cameras))
+    apart = [name for index, name in enumerate(names) if index not in found.cameras]
+    if apart:
+        together = ", ".join(name for name in names if name not in apart)
+        raise ValueError(
+            f"cameras: expected all to be joined by boards seen at the same instant, found {', '.join(apart)} "
+            f"apart from {together}; images of one instant need the same name or number"
+        )
     poses = {i: rigs[0] for i in sorted(found.by_instant) if len((rigs := found.rig_poses(i)).matrix)}
     order = {instant: row for row, instant in enumerate(poses)}
     joined = [s for s in seen if s.instant in poses and s.board in found.boards]
@@ -246,14 +251,3 @@ def _turn_view(sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Boa
 
 def _stack(poses: Iterable[SE3]) -> SE3:
     return SE3(np.stack([pose.matrix for pose in poses]))
-
-
-def check_joined(cameras: Sequence[str], joined: set[int]) -> None:
-    """Raise ValueError naming the cameras that nothing joins to the first one."""
-    apart = [name for index, name in enumerate(cameras) if index not in joined]
-    if apart:
-        together = ", ".join(name for index, name in enumerate(cameras) if index in joined)
-        raise ValueError(
-            f"cameras: expected all to be joined by boards seen at the same instant, found {', '.join(apart)} "
-            f"apart from {together}; images of one instant need the same name or number"
-        )

@@ -1,18 +1,23 @@
-"""Corners of boards in a grey image, numbered as on the board, to a fraction of a pixel; how sharp boards are."""
+"""Corners of boards in a grey image, numbered as on the board, to a fraction of a pixel; how sharp boards are.
+
+Those of ChArUco boards by OpenCV 4.7 or later.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 
-from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
 from rig_calibration.constants import (
+    AROUND,
     BLUR_PX,
     HALF_WINDOW,
+    HALVED_FROM,
     MIN_CORNERS,
     MIN_SPACING_PX,
     REFINEMENT,
@@ -20,6 +25,11 @@ from rig_calibration.constants import (
 )
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.geometry.arrays import Array, Bytes, Flags
+from sphere_nav.geometry.files.untrusted import told_at
+
+SECTOR_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+SWEEP_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+QUAD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 
 
 def detect_all(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
@@ -29,11 +39,73 @@ def detect_all(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices,
     """
     chessboards = [board for board in boards if board.kind == "chessboard"]
     found = {}
-    for board, candidates in chessboard.candidates(gray, chessboards):
+    for board, candidates in chessboard_candidates(gray, chessboards):
         seen = _number(gray, board, candidates)
         if seen is not None:
             found[board.name] = seen
     return found | _charuco_boards(gray, [board for board in boards if board.kind == "charuco"])
+
+
+# --- chessboards, by the two detectors of OpenCV
+def chessboard_candidates(gray: Bytes, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:
+    """Yield each board with what may be its corners (N, 2), row by row or column by column, best guess first."""
+    if len(boards) == 1:
+        yield boards[0], _thorough(gray, boards[0])
+    elif boards:
+        is_halved = min(gray.shape) >= HALVED_FROM
+        small = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) if is_halved else gray
+        swept = _sweep(np.asarray(small), boards)
+        for board in boards:
+            found = _quick(np.asarray(small), board, swept)
+            yield board, ((2.0 * corners + 0.5 if is_halved else corners) for corners in found)
+
+
+def _thorough(gray: Bytes, board: Board) -> Iterator[Array]:
+    """Try the detector by quadrangles, which stands strong distortion, then the one by sectors, which stands blur."""
+    size = (board.columns, board.rows)
+    yield from _as_corners(cv2.findChessboardCorners(gray, size, flags=QUAD_FLAGS), board)
+    yield from _as_corners(cv2.findChessboardCornersSB(gray, size, flags=SECTOR_FLAGS), board)
+
+
+def _quick(gray: Bytes, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
+    """Take a swept grid of the size of the board, else look for it by quadrangles."""
+    for grid in swept:
+        if grid.shape[:2] == (board.rows, board.columns):
+            yield grid.reshape(-1, 2)
+        elif grid.shape[:2] == (board.columns, board.rows):
+            yield grid.swapaxes(0, 1).reshape(-1, 2)
+    yield from _as_corners(cv2.findChessboardCorners(gray, (board.columns, board.rows), flags=QUAD_FLAGS), board)
+
+
+def grid_sizes(gray: Bytes, count: int) -> list[tuple[int, int]]:
+    """Return columns and rows of up to `count` whole chessboards of an image, of whatever size."""
+    least = Board("any", 3, 3, 1.0)  # the smallest that there is
+    swept = _sweep(gray, [least] * count)[:count]
+    return [(grid.shape[1], grid.shape[0]) for grid in swept]
+
+
+def _sweep(gray: Bytes, boards: Sequence[Board]) -> list[Array]:
+    """Return all grids (rows, columns, 2) of an image, of whatever size, each wiped out before the next search."""
+    image, grids = gray.copy(), []
+    least = min(min(board.columns, board.rows) for board in boards)
+    for _ in range(len(boards) + 1):
+        is_found, corners, kinds = cv2.findChessboardCornersSBWithMeta(image, (least, least), SWEEP_FLAGS)
+        if not is_found:
+            break
+        grid = np.asarray(corners, dtype=np.float64).reshape(*np.asarray(kinds).shape[:2], 2)
+        grids.append(grid)
+        hull = cv2.convexHull(grid.reshape(-1, 2).astype(np.float32)).reshape(-1, 2)
+        middle = hull.mean(axis=0)
+        cv2.fillConvexPoly(image, np.rint(middle + AROUND * (hull - middle)).astype(np.int32), 128)
+    return grids
+
+
+def _as_corners(answer: tuple[bool, Any], board: Board) -> Iterator[Array]:
+    """Yield (N, 2), nothing for a detector's answer of another size."""
+    is_found, corners = answer
+    found = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if is_found else np.zeros((0, 2))
+    if len(found) == board.num_corners:
+        yield found
 
 
 def _number(gray: Bytes, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
@@ -108,11 +180,26 @@ def _refine(gray: Bytes, corners: Array, half: int) -> Array:
     return np.where((moved < half)[:, None], refined, corners)
 
 
+# --- ChArUco boards
+def check_markers(board: Board) -> None:
+    """Raise ValueError where OpenCV is too old, has no such dictionary, or too few markers in it for the board."""
+    if not hasattr(cv2.aruco, "CharucoDetector"):
+        raise ValueError(f"board {board.name!r}: charuco: expected OpenCV 4.7 or later, found {cv2.__version__}")
+    with told_at(f"board {board.name!r}"):
+        available = len(_dictionary(board.dictionary).bytesList)
+    last = board.first_marker + board.num_markers
+    if last > available:
+        raise ValueError(
+            f"board {board.name!r}: dictionary: expected {last} markers for {board.columns}x{board.rows} corners, "
+            f"found {available} in {board.dictionary}"
+        )
+
+
 def _charuco_boards(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     found = {}
     for board in boards:
-        charuco.check(board)
-        numbers, corners = charuco.find_corners(gray, board)
+        check_markers(board)
+        numbers, corners = _find_markers(gray, board)
         is_inside = _is_inside(gray, corners)
         numbers, corners = numbers[is_inside], corners[is_inside]
         if len(numbers) >= MIN_CORNERS:
@@ -120,6 +207,26 @@ def _charuco_boards(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Ind
             half = int(np.clip(gap + BLUR_PX, *HALF_WINDOW))
             found[board.name] = numbers, _refine(gray, corners, half)
     return found
+
+
+def _find_markers(gray: Bytes, board: Board) -> tuple[Indices, Array]:
+    """Return numbers (n,) and pixels (n, 2) of the corners of a board that an image (H, W) shows once."""
+    numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
+    squares, lengths = (board.columns + 1, board.rows + 1), (board.square_m, board.marker_m)
+    pattern = cv2.aruco.CharucoBoard(squares, *lengths, _dictionary(board.dictionary), numbers)
+    pattern.setLegacyPattern(board.is_legacy)
+    corners, found, _, markers = cv2.aruco.CharucoDetector(pattern).detectBoard(gray)
+    own = np.array([] if markers is None else markers[np.isin(markers, numbers)])
+    if corners is None or found is None or len(np.unique(own)) < len(own):  # a marker twice: the board is, too
+        return np.zeros(0, np.intp), np.zeros((0, 2))
+    return np.asarray(found, dtype=np.intp).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+
+
+def _dictionary(name: str) -> Any:
+    number = getattr(cv2.aruco, name, None)
+    if not isinstance(number, int) or not name.startswith("DICT_"):
+        raise ValueError(f"dictionary: expected a name such as DICT_4X4_250, found {name!r}")
+    return cv2.aruco.getPredefinedDictionary(number)
 
 
 def _charuco_spacing(numbers: Indices, corners: Array, board: Board) -> float:
@@ -130,6 +237,7 @@ def _charuco_spacing(numbers: Indices, corners: Array, board: Board) -> float:
     return float(np.min(between[squares > 0] / squares[squares > 0]))
 
 
+# --- blur
 def edge_width(gray: Bytes, board: Board, corners: Indices, pixels: Array) -> float:
     """Return the standard deviation of the blur of a board's edges in pixels, NaN where a corner is missing.
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals
+from rig_calibration.boards.bundle import camera_state, residuals, rig_problem
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust
-from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
     FOCAL_LENGTHS,

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import information
-from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
+from rig_calibration.boards.bundle import SHARED, AdjustmentProblem, RigState, information
 from rig_calibration.constants import (
     MAX_POSITION_STD_M,
     MAX_ROTATION_STD_DEG,

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc
 
+from rig_calibration.boards.bundle import AdjustmentProblem, RigState
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, Indices
 from rig_calibration.constants import (

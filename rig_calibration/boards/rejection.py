@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals, rms_px, solve
-from rig_calibration.boards.state import AdjustmentProblem, RigState
+from rig_calibration.boards.bundle import AdjustmentProblem, RigState, residuals, rms_px, solve
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
     CORNER_LIMIT,

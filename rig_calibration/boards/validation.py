@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals, rms_px, solve
+from rig_calibration.boards.bundle import AdjustmentProblem, RigState, residuals, rms_px, solve
 from rig_calibration.boards.rejection import noise_px
-from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.constants import HELD_OUT_EVERY, MIN_VIEWS
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array, Flags

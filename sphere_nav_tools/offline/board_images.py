@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.chessboard import grid_sizes
-from rig_calibration.boards.detect import detect_all, edge_width
+from rig_calibration.boards.detect import detect_all, edge_width, grid_sizes
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.files.encoded import read_image_file

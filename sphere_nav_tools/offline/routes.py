@@ -9,13 +9,12 @@ import numpy as np
 
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
+from path_follower.path_files import read_drives, write_course
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.constants import MAX_TURN
-from path_follower.routes.course import make_course, write_course
-from path_follower.routes.drive_files import read_drives
 from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.network_file import write_network
-from path_follower.routes.planning import Route
+from path_follower.routes.planning import Route, make_course
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns

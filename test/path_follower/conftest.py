@@ -14,6 +14,7 @@ from path_follower.path import Pose2
 from path_follower.reasons import GENTLE
 from path_follower.taught import Given
 from path_follower.taught import make_path as path_of
+from sphere_nav.geometry import SE3
 
 SECOND = 1_000_000_000
 FINE_STEP = 0.005  # s
@@ -117,7 +118,7 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
         state = (each(now, follower, car) if each else None) or "TRACKING"
         if pending[0][0] <= stamp - round(world.latency * SECOND):
             then, measured, speed = pending.popleft()
-            command = follower.update(measured, speed if is_speed_known else None, then, state, now_ns=stamp)
+            command = answer(follower, measured, then, state, speed if is_speed_known else None, stamp)
         else:
             command = follower.tick(stamp)
         if not is_started and follower.watch.pose is not None:
@@ -138,6 +139,14 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
         car.drive(now, world.period)
         now += world.period
     return drive
+
+
+def answer(follower, pose, stamp, state="TRACKING", speed=None, now=None):
+    """Show a pose and what the localiser says to a follower; return its command."""
+    now = now or max(stamp, follower.limiter.last_ns or stamp)
+    follower.watch.see_status(state, now)
+    follower.see_pose(SE3.from_planar(*pose), min(stamp, now), speed)
+    return follower.tick(now)
 
 
 def make_path(points, params, yaw=None, speed=None):
@@ -183,6 +192,7 @@ def assert_within_limits(drive, params):
 class Kit:
     World = World
     run = staticmethod(run)
+    answer = staticmethod(answer)
     course = staticmethod(course)
     make_path = staticmethod(make_path)
     assert_within_limits = staticmethod(assert_within_limits)

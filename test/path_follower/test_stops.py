@@ -87,10 +87,10 @@ def test_an_emergency_stop_needs_release_and_arming(kit, straight):
     follower.emergency(is_pressed=False)
     for _ in range(20):
         now += SECOND // 20
-        assert follower.update(pose, None, now, "TRACKING").speed == 0.0  # released, and it stands
+        assert kit.answer(follower, pose, now).speed == 0.0  # released, and it stands
     assert follower.start(now) == ""
     now += SECOND // 20
-    assert follower.update(pose, None, now, "TRACKING").speed > 0.0
+    assert kit.answer(follower, pose, now).speed > 0.0
 
 
 def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
@@ -102,7 +102,7 @@ def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_a
     assert progress == pytest.approx(2 * math.pi * 5, abs=2.0)  # near the crossing
     for _ in range(40):
         now += SECOND // 20
-        command = follower.update(pose, None, now, "TRACKING")
+        command = kit.answer(follower, pose, now)
         assert (command.speed, command.yaw_rate) == (0.0, 0.0)
     assert follower.start(now) == ""
     assert follower.location.arc_length == pytest.approx(progress, abs=0.6)
@@ -130,7 +130,7 @@ def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_
     last = kit.run(follower, (0, 0, 0), seconds=6.0)
     assert last.commands[-1].speed > 1.0
     follower.stand(Verdict(StopReason.OPERATOR))
-    assert follower.update(last.poses[-1], None, 7 * SECOND + SECOND // 20, "TRACKING").speed == 0.0
+    assert kit.answer(follower, last.poses[-1], 7 * SECOND + SECOND // 20).speed == 0.0
     assert (follower.mode.state, follower.mode.is_armed) == (FollowerState.STOPPED, False)
 
 
@@ -162,11 +162,11 @@ def test_poses_that_return_before_standstill_end_the_stop_where_the_rule_says_so
     assert (slowest == 0.0) == (rule == "never")
 
 
-def go_on(follower, pose, now, seconds, state="TRACKING"):
+def go_on(kit, follower, pose, now, seconds, state="TRACKING"):
     speeds = []
     for _ in range(round(seconds * 20)):
         now += SECOND // 20
-        speeds.append(follower.update(pose, None, now, state).speed)
+        speeds.append(kit.answer(follower, pose, now, state).speed)
     return speeds
 
 
@@ -177,7 +177,7 @@ def go_on(follower, pose, now, seconds, state="TRACKING"):
 def test_standing_for_two_seconds_in_tracking_goes_on_where_the_rule_says_so(kit, long_way, rule, state, moves):
     drive, follower = drive_with_a_gap(kit, long_way, rule, 9.0)
     assert follower.mode.state is FollowerState.STOPPED
-    speeds = go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 3.0, state)
+    speeds = go_on(kit, follower, drive.poses[-1], drive.commands[-1].stamp_ns, 3.0, state)
     assert max(speeds[:39]) == 0.0  # not before two seconds
     assert (max(speeds) > 0.0) == moves
 
@@ -209,4 +209,4 @@ def test_a_released_emergency_stop_waits_for_the_call_under_every_rule(kit, long
     follower = Follower(params, kit.make_path(long_way[:, :2], params, long_way[:, 2]))
     drive = kit.run(follower, (0, 0, 0), seconds=20, each=lambda now, f, car: f.emergency(is_pressed=6 < now < 7))
     follower.emergency(is_pressed=False)
-    assert max(go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 5.0)) == 0.0
+    assert max(go_on(kit, follower, drive.poses[-1], drive.commands[-1].stamp_ns, 5.0)) == 0.0

@@ -41,7 +41,9 @@ class Traffic:
             raise ValueError("traffic.density: expected a world with streets (town), found one without")
         rng = np.random.default_rng([seed, params.seed, 71])
         self.loops = free_loops(world.loops, world.path, params.may_cross)
-        self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
+        self._paces = np.array(
+            [params.speeds[loop.kind] * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD) for loop in self.loops]
+        )
         self.actors = _populate(self.loops, params, rng)
         if params.standing_at > 0.0:
             self.loops.append(standing_place(world.path, params.standing_at))
@@ -111,11 +113,6 @@ def _turns(angles: Array, first: int, second: int) -> Array:
     R[:, first, first] = R[:, second, second] = np.cos(angles)
     R[:, second, first], R[:, first, second] = np.sin(angles), -np.sin(angles)
     return R
-
-
-def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:
-    speed = {"road": params.car_speed, "cycle": params.bicycle_speed, "walk": params.walking_speed}[loop.kind]
-    return float(speed * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD))
 
 
 def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Generator) -> list[Actor]:

@@ -81,7 +81,7 @@ def check_scan(scan: LaserScan) -> None:
 
 
 def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cycle: float = 0.0) -> FollowerStatus:
-    """Return the message of anything with the fields of `path_follower.command.FollowerReport`; cycle in s."""
+    """Return the message of anything with the fields of `path_follower.modes.FollowerReport`; cycle in s."""
     message = FollowerStatus(header=header(stamp, frame_id), worst_cycle=float(worst_cycle))
     return with_codes(told(told(message, status.verdict, *FACTS), status))
 
@@ -110,7 +110,7 @@ def message_to_progress(message: FollowerStatus) -> tuple[str, tuple[float, floa
 
 
 def tracking_to_message(tracking: Any, stamp: int, frame_id: str) -> TrackingError:
-    """Return the message of anything with the fields of `path_follower.command.TrackingError`."""
+    """Return the message of anything with the fields of `path_follower.law.TrackingError`."""
     place, target = tracking.location, tracking.reference
     message = TrackingError(header=header(stamp, frame_id), progress=float(place.arc_length), segment=int(place.edge))
     point = ReferencePoint(position_x=float(target.x), position_y=float(target.y))

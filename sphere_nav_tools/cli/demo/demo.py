@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cycab_sim.params import CONDITIONS, SimParams
-from cycab_sim.sensors.rigs import rig_camera_names
+from cycab_sim.sensors.cameras import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.params import build
 from sphere_nav.ros.bags.writer import free_path

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +23,9 @@ class Catcher:
 
 
 @pytest.fixture(scope="module")
-def simulator(small_params):
-    rig = CameraRigParams(kind="ring", size="48,40")
+def simulator(small_params, tmp_path_factory):
+    file = tmp_path_factory.mktemp("rig") / "rig.yaml"
+    rig = CameraRigParams(kind="ring", size="48,40", file=str(file))
     camera = SimCameraParams(model="panorama", size="96,32")
     return Simulator(replace(small_params, rig=rig, camera=camera))
 
@@ -37,11 +39,10 @@ def published(simulator, *names):
     return catcher
 
 
-def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_path):
-    sent = published(simulator, "rig").sent
-    path = tmp_path / "rig.yaml"
-    path.write_text(sent["rig_description"][0].data)
-    rig = read_rig(path)
+def test_the_rig_publishes_one_instant_that_fits_its_description_and_its_file(simulator):
+    sent, file = published(simulator, "rig").sent, Path(simulator.params.rig.file)
+    assert file.read_text() == sent["rig_description"][0].data
+    rig = read_rig(file)
     places = {t.child_frame_id: transform_to_se3(t.transform) for t in sent["/tf_static"][0].transforms}
     for camera in rig.cameras:
         (image,) = sent[f"cameras/{camera.name}/image_raw"]

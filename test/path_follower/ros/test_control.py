@@ -36,7 +36,7 @@ def loop(bus, kit):
     node = bus.add(PathFollowerNode)
     node.loop.follower.load(kit.make_path([(0, 0), (10, 0)], node.params))
     list(bus.advance(SECOND))
-    node.loop.follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING")
+    kit.answer(node.loop.follower, Pose2(0, 0, 0), SECOND)
     return node.loop
 
 
@@ -117,12 +117,12 @@ def test_an_emergency_stop_does_not_wait_for_the_looks_that_a_leap_of_the_clock_
 
 
 def test_while_the_clock_stands_the_command_goes_to_zero_and_without_a_publisher_the_permission_ends(
-    bus, loop, monkeypatch
+    bus, loop, kit, monkeypatch
 ):
     assert loop.ask("start") == ""
     for k in range(1, 21):
         list(bus.advance(SECOND + k * SECOND // 20))
-        loop.follower.update(Pose2(0.0, 0.0, 0.0), None, SECOND + k * SECOND // 20, "TRACKING")
+        kit.answer(loop.follower, Pose2(0.0, 0.0, 0.0), SECOND + k * SECOND // 20)
     assert loop.follower.limiter.last.speed > 0.3
     loop.heard_ns = loop.endpoints.own_ns()
     clock, steady, publishers = loop.endpoints.now_ns(), loop.endpoints.steady_ns(), ["/cycab_sim"]

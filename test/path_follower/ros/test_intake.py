@@ -1,6 +1,7 @@
 """What the follower is driven by: poses, or directions whose frame and source are checked."""
 
 import itertools
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -20,7 +21,6 @@ from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
     header,
-    poses_to_path,
     se3_to_odometry,
     se3_to_pose_stamped,
     se3_to_pose_with_covariance,
@@ -28,8 +28,8 @@ from sphere_nav.ros.conversions import (
     stamp_ns,
     status_to_message,
 )
+from worlds.offline_follower import SECOND, drive, follower_bus, pose, speeds, status
 
-SECOND = 10**9
 STEP = SECOND // 20
 
 
@@ -110,41 +110,6 @@ def test_a_direction_of_another_frame_is_refused_and_poses_are_not_listened_to(b
 
 # --- stamps
 AHEAD = [11 * 10**7, 3600 * SECOND]
-
-
-def follower_bus(**values):
-    bus = OfflineBus()
-    node = bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True} | values)
-    points = [(0, SE3.from_planar(x, 0, 0)) for x in np.arange(0, 50, 0.5)]
-    list(bus.advance(SECOND))
-    bus.deliver("/reference_path", poses_to_path(points, SECOND, "map"))
-    return bus, node
-
-
-def pose(bus, x, stamp):
-    bus.deliver("/pose", se3_to_pose_with_covariance(SE3.from_planar(x, 0, 0), 1e-4 * np.eye(6), stamp, "map"))
-
-
-def status(bus, state, stamp, reason="", age=0.0, milliseconds=0.0):
-    told = Status(State(state), reason, age=age, milliseconds=milliseconds)
-    bus.deliver("/status", status_to_message(told, stamp, "map"))
-
-
-def speeds(bus):
-    return [item.message.twist.linear.x for item in bus if item.topic == "/cmd_vel"]
-
-
-def drive(bus, node, images, x=0.0):
-    """Drive at full speed on good poses; return where the vehicle is."""
-    for k in range(images):
-        list(bus.advance(bus.now_ns + SECOND // 10))
-        status(bus, "TRACKING", bus.now_ns)
-        pose(bus, x, bus.now_ns)
-        commands = speeds(bus.settle())
-        x += 0.1 * commands[-1]
-        if k == 2:
-            assert node.endpoints.call("start").success
-    return x
 
 
 @pytest.mark.parametrize("lead", AHEAD)
@@ -390,6 +355,15 @@ def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
         answer = node.endpoints.call("start")
         assert answer.success != is_required
         assert is_required == ("expected beams where the vehicle drives" in answer.message)
+
+
+def test_a_scanner_has_to_see_as_far_as_the_vehicle_drives_now():
+    """Blind 0.3 rad to both sides: of the way of 1.4 m/s it measures a little more than half, of that of 2 m/s less."""
+    bus, node, _ = started_with_scans()
+    for cruise, is_blind in [(1.4, False), (2.0, True)]:
+        node.tune(replace(node.params, speed=replace(node.params.speed, cruise=cruise)))
+        scan(bus, 14 * [np.inf] + 13 * [np.nan] + 14 * [np.inf])
+        assert ("of the way ahead measured" in node.loop.follower.watch.scan_refusal) == is_blind
 
 
 def test_wheels_of_another_frame_are_refused():

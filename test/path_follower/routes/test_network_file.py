@@ -8,15 +8,12 @@ import pytest
 
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
-from path_follower.path_files import read_path
+from path_follower.path_files import read_drives, read_path, write_course
 from path_follower.routes.building import build_network
-from path_follower.routes.course import make_course, write_course
-from path_follower.routes.drive_files import read_drives
 from path_follower.routes.network import Curve, Network, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
-from path_follower.routes.planning import plan
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
+from path_follower.routes.planning import make_course, plan
+from sphere_nav.geometry.trajectory import read_map_id
 
 
 def test_route_server_finds_what_it_wants(drive):
@@ -113,11 +110,3 @@ def test_a_drive_forward_and_back_is_two_drives_and_so_is_a_reversible_one(tmp_p
         assert drive.curve.speed == pytest.approx(0.8)
     drives, _ = read_drives(write_csv(tmp_path / "d.csv", kit.course((10, 0))), FollowerParams(), is_reversible=True)
     assert [drive.direction for drive in drives] == [1, -1]
-
-
-def test_a_taught_drive_has_its_map_and_its_speed(tmp_path):
-    poses = SE3(np.stack([SE3.from_planar(0.1 * i, 0, 0).matrix for i in range(101)]))
-    write_tum(tmp_path / "d.tum", Trajectory(10**9 + 10**8 * np.arange(101), poses), "hall")
-    (drive,), map_id = read_drives(tmp_path / "d.tum", FollowerParams())
-    assert map_id == "hall"
-    assert np.median(drive.curve.speed) == pytest.approx(1.0, rel=0.02)

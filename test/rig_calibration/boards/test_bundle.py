@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.bundle import information, normal_equations, residuals, rms_px, solve
+from rig_calibration.boards.bundle import (
+    camera_state,
+    information,
+    normal_equations,
+    residuals,
+    rig_problem,
+    rms_px,
+    solve,
+)
 from rig_calibration.boards.intrinsics import calibrate_camera, view_poses
-from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, Omni, Pinhole

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rig_calibration.boards import chessboard
+from rig_calibration.boards import detect
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.detect import chessboard_candidates, detect_all
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from worlds.boards import BoardWorld
@@ -41,7 +41,7 @@ def test_boards_are_told_apart_by_their_size(seen):
 def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     image, truth = seen
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners
-    monkeypatch.setattr(chessboard, "candidates", lambda gray, boards: [(boards[0], [cut])])
+    monkeypatch.setattr(detect, "chessboard_candidates", lambda gray, boards: [(boards[0], [cut])])
     assert detect_all(image, BOARDS) == {}
 
 
@@ -49,6 +49,6 @@ def test_a_single_board_is_found_at_once():
     for side in (30, 5):
         squares = np.kron(np.indices((5, 8)).sum(axis=0) % 2 * 255, np.ones((side, side)))
         gray = np.pad(squares, 30, constant_values=255).astype(np.uint8)
-        ((_, found),) = chessboard.candidates(gray, BOARDS[:1])
+        ((_, found),) = chessboard_candidates(gray, BOARDS[:1])
         assert np.ptp(next(found), axis=0) == pytest.approx([6.0 * side, 3.0 * side], abs=1.0)
         assert set(detect_all(gray, BOARDS[:1])) == {"wide"}

@@ -7,7 +7,7 @@ import pytest
 
 from rig_calibration.boards import observability
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.state import SHARED, RigState
+from rig_calibration.boards.bundle import SHARED, RigState
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry import SE3

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.bundle import camera_state, rig_problem
 from rig_calibration.boards.quality import disagreements, lens_chance, quality_warnings
-from rig_calibration.boards.state import camera_state, rig_problem
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate, check_views

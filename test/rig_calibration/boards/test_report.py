@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from rig_calibration.boards import validation
+from rig_calibration.boards.bundle import RigState, rig_problem
 from rig_calibration.boards.report import calibration_as_mapping, coverage, draw_calibration
-from rig_calibration.boards.state import RigState, rig_problem
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 

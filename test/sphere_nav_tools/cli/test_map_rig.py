@@ -7,7 +7,7 @@ import pytest
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import SimParams
-from cycab_sim.sensors.rigs import rig_place
+from cycab_sim.sensors.cameras import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.trajectory import read_tum

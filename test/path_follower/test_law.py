@@ -6,11 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from path_follower.command import TrackingError
-from path_follower.params import FollowerParams, SpeedParams, SteeringParams, VehicleParams
+from path_follower.law import (
+    Errors,
+    TrackingError,
+    bounded_speed,
+    curvature_law,
+    eased_speed,
+    errors_of,
+    speed_law,
+    speed_limits,
+    speed_profile,
+)
+from path_follower.params import SpeedParams, SteeringParams, VehicleParams
 from path_follower.path import Location, Pose2, ReferencePoint
-from path_follower.speed import bounded_speed, eased_speed, speed_law, speed_limits, speed_profile
-from path_follower.steering import Errors, curvature_law, errors_of
 from path_follower.vehicle import Motion
 
 SPEED = SpeedParams()
@@ -77,18 +85,16 @@ def tracking(remaining, direction=1):
 
 def test_a_vehicle_creeps_the_last_steps_and_then_stands():
     for direction in [1, -1]:
-        params = FollowerParams()
-        far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
-        there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
+        far = bounded_speed(direction * 0.01, tracking(0.3, direction), slow=2.0, is_starting=False)
+        there = bounded_speed(direction * 0.01, tracking(0.04, direction), slow=2.0, is_starting=False)
         assert far == direction * 0.1
         assert there == 0.0
-        assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
+        assert bounded_speed(0.0, tracking(0.06, direction), slow=2.0, is_starting=False) == far
 
 
 def test_slow_and_start_bound_the_speed():
-    params = FollowerParams()
-    assert bounded_speed(1.4, tracking(9.0), params, slow=0.5, is_starting=False) == 0.5
-    assert bounded_speed(1.4, tracking(9.0), params, slow=2.0, is_starting=True) == 0.1
+    assert bounded_speed(1.4, tracking(9.0), slow=0.5, is_starting=False) == 0.5
+    assert bounded_speed(1.4, tracking(9.0), slow=2.0, is_starting=True) == 0.1
 
 
 PARAMS = SteeringParams()

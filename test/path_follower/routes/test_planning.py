@@ -10,9 +10,8 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.course import make_course
 from path_follower.routes.network import Curve, Network, RouteEdge, Spot
-from path_follower.routes.planning import Leg, Route, plan
+from path_follower.routes.planning import Leg, Route, make_course, plan
 
 PARAMS = FollowerParams()
 REACH, TURNED, ON_PATH_WITHIN = 0.8, math.radians(20.0), 10.0

@@ -1,1 +1,0 @@
-"""What lamps reach, as a kernel."""
