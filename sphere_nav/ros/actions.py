@@ -15,7 +15,7 @@ from rclpy.action import ActionServer
 from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
 from rclpy.node import Node
 
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.service import one_line
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 from sphere_nav.ros.shared_files import share_folders
 
 SEPARATOR = "=" * 80

@@ -23,7 +23,7 @@ from sphere_nav.params import build, leaves
 from sphere_nav.ros import qos
 from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
-from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
+from sphere_nav.ros.conversions.headers import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, Entry, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import Handler, answer_always, one_line

@@ -23,8 +23,8 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from sphere_nav.params import to_yaml
 from sphere_nav.params.homes import user_folder
-from sphere_nav.params.render import to_yaml
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode

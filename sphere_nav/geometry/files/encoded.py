@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import AnyPath, printable, read_bytes, told_at
+from sphere_nav.geometry.files.untrusted import LIMITS, AnyPath, printable, read_bytes, told_at
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"

@@ -32,6 +32,14 @@ AnyPath: TypeAlias = str | os.PathLike[str]
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
 MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
+LIMITS = {  # of what comes in a file or a message: more is refused before anything is allocated
+    "image file": 1 << 28,  # bytes
+    "cloud": 1 << 28,  # bytes of a message
+    "sphere": 1 << 25,  # pixels: 8192 x 4096
+    "features": 100_000,  # of a key sphere
+    "bag": 1 << 50,  # bytes of a file: any that a disk holds
+    "routes": 256 << 20,  # bytes of a network: 10 km are about 6 MB
+}
 
 
 @contextmanager

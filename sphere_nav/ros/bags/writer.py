@@ -18,8 +18,7 @@ from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.recorded import BagError, TopicInfo
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.recorded import BagError, TopicInfo, serialize_to_store
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.localization.status import State, Status
-from sphere_nav.ros.conversions.stamps import header, stamp_ns
+from sphere_nav.ros.conversions.headers import header, stamp_ns
 
 M = TypeVar("M", bound=Any)
 FACTS = ("reason", "value", "limit")  # of a Verdict

@@ -19,8 +19,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, 
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_file import read_message
-from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.bags.recorded import BagError, view_message
 from sphere_nav.ros.bags.writer import METADATA, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message

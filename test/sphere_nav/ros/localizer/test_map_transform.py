@@ -9,7 +9,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.conversions import se3_to_odometry, se3_to_transform, stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
-from sphere_nav.ros.localizer.map_transform import MapTransform
+from sphere_nav.ros.localizer.pose_outputs import MapTransform
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 
