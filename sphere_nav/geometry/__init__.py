@@ -7,8 +7,7 @@ written.
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere, Omni
-from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.pinhole import Fisheye, Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.cameras.rolling_shutter import FrameMotion
 from sphere_nav.geometry.cameras.spherical import Spherical

@@ -126,7 +126,8 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
             inner = {name.removeprefix(group): value for name, value in values.items() if name.startswith(group)}
             arguments[item.name] = build(kind, inner)
         elif item.name in values:
-            arguments[item.name] = _as_meant(item.name, kind(values[item.name]))
+            value = kind(values[item.name])
+            arguments[item.name] = plain_frame(value) if item.name.endswith("frame") else at_home(value)
     return cls(**arguments)
 
 
@@ -160,14 +161,9 @@ def _fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
     return [(item, hints[item.name]) for item in dataclasses.fields(cls)]
 
 
-def _as_meant(name: str, value: Any) -> Any:
-    """Return a value with the home folder for `~/`; a frame without the leading slash of ROS 1."""
-    return plain_frame(value) if name.endswith("frame") else at_home(value)
-
-
-def to_yaml(*classes: type, node: str = "/**") -> str:
+def to_yaml(*classes: type) -> str:
     """Return a ROS 2 parameter file with every default of the classes, its meaning as comment above it."""
-    lines = [f"{node}:", "  ros__parameters:"]
+    lines = ["/**:", "  ros__parameters:"]
     open_groups: list[str] = []
     for leaf in (leaf for cls in classes for leaf in leaves(cls)):
         *groups, name = leaf.name.split(".")

@@ -31,7 +31,10 @@ def declare(node: Node, why_fixed: Callable[[], str], *classes: type[Any]) -> No
     """
     known = {leaf.name: leaf for cls in classes for leaf in leaves(cls)}
     for name, leaf in known.items():
-        value = _override(node, leaf)
+        given = node._parameter_overrides.get(name)
+        value = leaf.default if given is None else given.value
+        if leaf.type is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
         leaf.check(value)
         node.declare_parameter(name, value, _descriptor(leaf), ignore_override=True)
 
@@ -84,13 +87,6 @@ def unknown_overrides(node: Node) -> list[str]:
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)]
     ours = [name for name in names if not name.startswith("qos_overrides.")]
     return [f"{name}: unknown parameter, ignored{meant(name, declared)}" for name in ours]
-
-
-def _override(node: Node, leaf: Leaf) -> Any:
-    given = node._parameter_overrides.get(leaf.name)
-    value = leaf.default if given is None else given.value
-    is_whole_number = leaf.type is float and isinstance(value, int) and not isinstance(value, bool)
-    return float(value) if is_whole_number else value
 
 
 def _descriptor(leaf: Leaf) -> ParameterDescriptor:

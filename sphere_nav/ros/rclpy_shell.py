@@ -224,8 +224,12 @@ class RclpyShell(Endpoints, Node):
         entries = [*self._life(), (self.callbacks_name, self.failures.examine())]
         entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
         entries += self.reports.items()
-        array = DiagnosticArray(status=[self._status(name, *entry) for name, entry in entries])
+        array = DiagnosticArray()
         array.header.stamp = ns_to_time(self.now_ns())
+        for name, (level, message, values) in entries:
+            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+            name = f"{self.health_name}: {name}"
+            array.status.append(DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs))
         self._diagnostics.publish(array)
 
     def _tell_ready(self) -> None:
@@ -250,11 +254,6 @@ class RclpyShell(Endpoints, Node):
 
     def _life(self) -> Iterable[tuple[str, Entry]]:
         return ()
-
-    def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        name = f"{self.health_name}: {name}"
-        return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 
 def examine_input(shell: Any, wanted: Subscription) -> Entry:

@@ -20,8 +20,7 @@ import numpy as np
 from sphere_nav.geometry.arrays import Array, Size
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere, Omni
-from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.pinhole import Fisheye, Pinhole
 from sphere_nav.geometry.cameras.rig import NAME, T_BODY_OPTICAL, Rig, RigCamera
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
@@ -84,14 +83,14 @@ def read_foreign_rig(
     """
     contents = [load_foreign(path) for path in paths]
     with told_at(" ".join(map(str, paths))):
-        values = [content if isinstance(content, dict) else {} for content in contents]
-        basalt = values[0].get("value0", values[0])  # cereal, which writes these files, wraps them
-        is_kalibr = any(CAMERA.fullmatch(str(key)) for key in values[0])
+        first = contents[0] if isinstance(contents[0], dict) else {}
+        basalt = first.get("value0", first)  # cereal, which writes these files, wraps them
+        is_kalibr = any(CAMERA.fullmatch(str(key)) for key in first)
         is_basalt = isinstance(basalt, dict) and "T_imu_cam" in basalt
-        if (is_kalibr or is_basalt) and len(values) > 1:
-            raise ValueError(f"expected one file of Kalibr or basalt, found {len(values)}")
+        if (is_kalibr or is_basalt) and len(contents) > 1:
+            raise ValueError(f"expected one file of Kalibr or basalt, found {len(contents)}")
         if is_kalibr:
-            cameras, is_by_imu = _read_kalibr(values[0])
+            cameras, is_by_imu = _read_kalibr(first)
         elif is_basalt:
             cameras, is_by_imu = _read_basalt(basalt)
         else:
@@ -213,10 +212,9 @@ def _basalt_camera(lens: _Lens, size: Size, where: str) -> Camera:
     kind = lens.camera_type
     if kind not in FURTHER:
         raise _refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
-    plane, more = (
-        [required(lens.intrinsics, f"{where}.intrinsics", fields)[field] for field in fields]
-        for fields in (("fx", "fy", "cx", "cy"), FURTHER[kind])
-    )
+    fields = ("fx", "fy", "cx", "cy", *FURTHER[kind])
+    given = [required(lens.intrinsics, f"{where}.intrinsics", fields)[field] for field in fields]
+    plane, more = given[:4], given[4:]
     model: tuple[Any, ...] = (Fisheye if kind == "kb4" else Pinhole), tuple(more)
     if kind in ("ds", "ucm"):
         model = DoubleSphere, *[0.0, *more][-2:]  # a unified camera is one whose two spheres coincide

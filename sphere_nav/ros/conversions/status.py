@@ -23,8 +23,10 @@ def told(message: M, source: Any, *names: str) -> M:
     """
     for name in names or [name for name in message.get_fields_and_field_types() if hasattr(source, name)]:
         kind, value = type(getattr(message, name)), getattr(source, name)
+        if kind is str:
+            value = (value.value if isinstance(value, enum.Enum) else value) or ""
         if kind in (bool, int, float, str) and not (kind is float and not math.isfinite(value)):
-            setattr(message, name, _word(value) if kind is str else kind(value))
+            setattr(message, name, kind(value))
     return message
 
 
@@ -50,10 +52,6 @@ def message_to_status(message: LocalizationStatus) -> Status:
     values = {item.name: getattr(message, item.name) for item in fields(Status) if hasattr(message, item.name)}
     values |= {"state": State(message.state), "references": tuple(int(number) for number in message.references)}
     return Status(**values, stamp_ns=stamp_ns(message))
-
-
-def _word(value: Any) -> str:
-    return str(value.value if isinstance(value, enum.Enum) else value or "")
 
 
 def code_of(kind: type[Any], word: str) -> int:

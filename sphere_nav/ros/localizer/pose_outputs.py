@@ -20,7 +20,7 @@ from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import TRUSTED, BaseEstimate, State, Status, describe_status
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.constants import AHEAD_NS, BACK_NS, LOG_PERIOD_S, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
+from sphere_nav.ros.constants import BACK_NS, LOG_PERIOD_S, MAX_AHEAD_NS, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 
 UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
@@ -111,7 +111,7 @@ class MapTransform:
         """Send the transform of a new pose."""
         now = self._endpoints.now_ns()
         is_of_this_time = 0 <= now - stamp_ns < BACK_NS
-        self._lead_ns = AHEAD_NS if is_of_this_time else stamp_ns + AHEAD_NS - now
+        self._lead_ns = MAX_AHEAD_NS if is_of_this_time else stamp_ns + MAX_AHEAD_NS - now
         if not self._odometry.frame:
             T_root_base, root = self._odometry.T_root_base
             self._endpoints.tell(REPORT, OK, f"{self._map_frame} -> {root}", "")
@@ -121,7 +121,7 @@ class MapTransform:
             self._since_ns = now
         self._pose = T_map_base, stamp_ns
         self._complete()
-        self._send(max(now + self._lead_ns, stamp_ns + AHEAD_NS))
+        self._send(max(now + self._lead_ns, stamp_ns + MAX_AHEAD_NS))
 
     def _on_tick(self) -> None:
         """Repeat the transform, stamped ahead."""

@@ -78,8 +78,8 @@ class Whole:
 
 
 def test_the_yaml_file_holds_every_default_with_its_type() -> None:
-    tree = yaml.safe_load(to_yaml(Whole, node="some_node"))
-    values = flatten(tree["some_node"]["ros__parameters"])
+    tree = yaml.safe_load(to_yaml(Whole))
+    values = flatten(tree["/**"]["ros__parameters"])
     assert values == to_mapping(Whole())
     # rclpy refuses an integer for a float parameter, so floats must be written as floats
     assert [type(values[leaf.name]) for leaf in leaves(Whole)] == [leaf.type for leaf in leaves(Whole)]
