@@ -23,6 +23,7 @@ from sphere_nav.ros.conversions.driving import check_scan
 from sphere_nav.ros.conversions.images import (
     DEPTH_ENCODINGS,
     ENCODINGS,
+    AnyImage,
     is_sixteen_bit,
     used_bits,
 )
@@ -163,7 +164,7 @@ def _examine_image(message: Image, topic: str) -> Fields:
         yield {"encoding": f"{message.encoding}; {used_bits(conversions.image_to_array(message))} bits used"}
 
 
-def _size_of(message: conversions.AnyImage, *, has_depth: bool) -> Size:
+def _size_of(message: AnyImage, *, has_depth: bool) -> Size:
     """Return width and height; ValueError for what cannot be used."""
     pixels = conversions.depth_to_meters(message) if has_depth else conversions.image_to_rgb(message)
     if has_depth and not np.isfinite(pixels).any():

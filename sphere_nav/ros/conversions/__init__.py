@@ -20,7 +20,6 @@ from sphere_nav.ros.conversions.headers import header as header
 from sphere_nav.ros.conversions.headers import ns_to_time as ns_to_time
 from sphere_nav.ros.conversions.headers import stamp_ns as stamp_ns
 from sphere_nav.ros.conversions.headers import time_to_ns as time_to_ns
-from sphere_nav.ros.conversions.images import AnyImage as AnyImage
 from sphere_nav.ros.conversions.images import Levels as Levels
 from sphere_nav.ros.conversions.images import array_to_image as array_to_image
 from sphere_nav.ros.conversions.images import depth_to_meters as depth_to_meters
