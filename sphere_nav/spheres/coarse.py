@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import cast
 from weakref import WeakKeyDictionary
 
@@ -27,7 +26,7 @@ def coarse_sphere(sphere: Sphere) -> Sphere:
 
 
 def _halved(sphere: Sphere) -> Sphere:
-    cameras = level_cameras(sphere.camera, inf, MIN_COARSE_SIDE)
+    cameras = level_cameras(sphere.camera, MIN_COARSE_SIDE)
     camera, factor = cast(Spherical, cameras[-1]), 2 ** (len(cameras) - 1)
     height, width = camera.height * factor, camera.width * factor
     gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)

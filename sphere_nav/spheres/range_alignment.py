@@ -7,7 +7,6 @@ fine, with robust weights. What both ways agree on, over surfaces that hold all 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +73,7 @@ class RangeImage:
         """Return what alignment needs of a depth image; ValueError for one that is not of its camera's size."""
         depth_m = depth.depth_m
         check_depth(depth_m, depth.camera)
-        cameras = level_cameras(depth.camera, inf, MIN_COARSE_SIDE)
+        cameras = level_cameras(depth.camera, MIN_COARSE_SIDE)
         camera, factor = cameras[-1], 2 ** (len(cameras) - 1)
         used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
         small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)

@@ -102,8 +102,8 @@ class Spherical:
 
 
 @lru_cache(maxsize=64)
-def level_cameras(camera: Camera, num_levels: float, min_side: int) -> tuple[Camera, ...]:
-    """Return the cameras of so many levels (inf: all that there are), from fine to coarse."""
+def level_cameras(camera: Camera, min_side: int, num_levels: float = np.inf) -> tuple[Camera, ...]:
+    """Return the cameras of all levels, at most so many, from fine to coarse."""
     cameras = [camera]
     while len(cameras) < num_levels and min(camera.width, camera.height) // 2 >= min_side:
         if camera.is_whole and (camera.width % 4 or camera.height % 2):

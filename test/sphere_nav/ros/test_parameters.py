@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sphere_nav.params import group, param, parameters
-from sphere_nav.ros import parameters as kit
+from sphere_nav.ros import live as kit
 from sphere_nav.ros.rclpy_shell import RclpyShell
 
 

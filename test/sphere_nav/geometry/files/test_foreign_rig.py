@@ -29,23 +29,36 @@ def read(path):
 CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
 
 
-def test_a_file_that_is_none_is_one_line(path):
-    for text, expected in [
+def pinhole(*plane):
+    return json.dumps({"cam0": CAM0 | {"intrinsics": plane}})
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
         ("", "expected a Kalibr camchain"),
         ("- 1", "expected a Kalibr camchain"),
         ("[" * 5000, "expected YAML"),
         ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
-    ]:
-        path.write_text(text)
-        line = refusal(read, path)
-        assert expected in line
-        assert len(line) < 600
+        (
+            pinhole(500, 501, 9000, 240),
+            "cam0.intrinsics: expected the centre inside the 640 x 480 image, found",
+        ),
+        (
+            pinhole(-1, 501, 320, 240),
+            "cam0.intrinsics: focal length: expected positive fx, fy",
+        ),
+    ],
+    ids=range(6),
+)
+def test_a_file_that_is_none_is_one_line(path, text, expected):
+    path.write_text(text)
+    line = refusal(read, path)
+    assert expected in line
+    assert len(line) < 600
 
 
-def test_a_lens_is_refused_where_it_stands_and_a_camchain_is_one_file(path):
-    for plane, found in [((500.0, 501.0, 9000.0, 240.0), "9000"), ((-1.0, 501.0, 320.0, 240.0), "-1")]:
-        path.write_text(json.dumps({"cam0": CAM0 | {"intrinsics": plane}}))
-        assert found in refusal(read, path).partition("cam0.intrinsics")[2]
+def test_a_camchain_is_one_file(path):
     path.write_text(json.dumps({"cam0": CAM0}))
     assert read(path).names == ("cam0",)
     with pytest.raises(ValueError, match="expected one file of Kalibr or basalt, found 2"):
@@ -112,12 +125,11 @@ cam0:
 """  # as Kalibr writes it: xi fu fv pu pv
 
 
-def test_kalibrs_omni_is_meis_camera(path):
-    for distortion in [(), (-0.27, 0.11, -1e-3, 2e-3)]:
-        words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
-        path.write_text(CAMCHAIN_OMNI.format(*words))
-        (found,) = read(path).cameras
-        assert found.camera == Omni(752, 480, 833.0, 830.0, 373.0, 253.0, 0.9, distortion)
+@pytest.mark.parametrize(("kind", "distortion"), [("none", ()), ("radtan", (-0.27, 0.11, -1e-3, 2e-3))])
+def test_kalibrs_omni_is_meis_camera(path, kind, distortion):
+    path.write_text(CAMCHAIN_OMNI.format(", ".join(map(str, distortion)), kind))
+    (found,) = read(path).cameras
+    assert found.camera == Omni(752, 480, 833.0, 830.0, 373.0, 253.0, 0.9, distortion)
 
 
 def put(name, field, value):
@@ -202,13 +214,13 @@ BASALT_DEFECTS = [
 ]
 
 
-def test_a_defect_is_one_line_with_its_place(path):
-    for make, defects in [(camchain, KALIBR_DEFECTS), (basalt, BASALT_DEFECTS)]:
-        for change, expected in defects:
-            values = make()
-            change(values)
-            path.write_text(yaml.safe_dump(values))
-            assert expected in refusal(read, path)
+@pytest.mark.parametrize(("make", "defects"), [(camchain, KALIBR_DEFECTS), (basalt, BASALT_DEFECTS)])
+def test_a_defect_is_one_line_with_its_place(path, make, defects):
+    for change, expected in defects:
+        values = make()
+        change(values)
+        path.write_text(yaml.safe_dump(values))
+        assert expected in refusal(read, path)
 
 
 # --- OpenCV

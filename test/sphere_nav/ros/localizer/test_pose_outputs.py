@@ -63,17 +63,15 @@ class World:
         return self.node.reports["tf"][:2]
 
 
-def test_a_lost_vehicle_is_an_error_in_the_diagnostics():
-    for state, reason, level in [
-        ("TRACKING", "", OK),
-        ("TRACKING", "OVERRUN", WARN),
-        ("DEGRADED", "", WARN),
-        ("LOST", "", ERROR),
-    ]:
-        world = World()
-        world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS))
-        assert world.node.reports["localisation"][0] == level
-        assert world.outputs.state is State(state)
+@pytest.mark.parametrize(
+    ("state", "reason", "level"),
+    [("TRACKING", "", OK), ("TRACKING", "OVERRUN", WARN), ("DEGRADED", "", WARN), ("LOST", "", ERROR)],
+)
+def test_a_lost_vehicle_is_an_error_in_the_diagnostics(state, reason, level):
+    world = World()
+    world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS))
+    assert world.node.reports["localisation"][0] == level
+    assert world.outputs.state is State(state)
 
 
 def test_a_turned_vehicle_is_unsure_along_the_axes_of_the_map():
@@ -162,13 +160,16 @@ def test_silent_odometry_is_told_after_half_a_second_and_nothing_is_sent():
         last = world.pass_time(SECOND // 10)
     assert last == []
     assert world.report == (ERROR, "map -> odom is not sent: no odometry at the stamps of the images")
-    for waited_ms, is_told in [(450, False), (550, True)]:
-        world = World()
-        world.tf()
-        list(world.bus.advance(world.now))
-        world.transform.update(T_MAP_BASE, world.now + SECOND // 100)
-        world.pass_time(waited_ms * 10**6)
-        assert (world.node.reports.get("tf", (OK, ""))[0] == ERROR) == is_told
+
+
+@pytest.mark.parametrize(("waited_ms", "is_told"), [(450, False), (550, True)])
+def test_odometry_that_stopped_is_told_after_half_a_second(waited_ms, is_told):
+    world = World()
+    world.tf()
+    list(world.bus.advance(world.now))
+    world.transform.update(T_MAP_BASE, world.now + SECOND // 100)
+    world.pass_time(waited_ms * 10**6)
+    assert (world.node.reports.get("tf", (OK, ""))[0] == ERROR) == is_told
 
 
 def test_nothing_is_sent_while_nobody_knows_the_pose():
