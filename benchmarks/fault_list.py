@@ -19,7 +19,7 @@ from benchmarks.fault_drives import FRAME, PERIOD_NS, SECOND, Drive, Messages
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
-from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.camera.stream import read_gray
 from sphere_nav.ros.maps.reader import FILE_NAME
 
 Images = Callable[[Drive, Messages, float], Messages]  # the drive, an image with its calibration, s since the fault

@@ -13,7 +13,7 @@ import mcl_depth.status
 import path_follower.modes
 import path_follower.reasons
 from sphere_nav.localization.status import Reason
-from sphere_nav.params.render import to_markdown, to_yaml
+from sphere_nav.params import to_markdown, to_yaml
 from sphere_nav.ros.live import ShellParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.shared_files import NODES

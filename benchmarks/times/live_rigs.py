@@ -29,7 +29,7 @@ from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, stamp_ns
-from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
+from sphere_nav.ros.conversions.headers import SECOND, ns_to_time
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.run import use_large_segment
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL

@@ -46,7 +46,7 @@ class PixelPrefetch:
         due = [one for one in wanted if not holds(one[0].level_like(camera), one[1], camera, one[2], PIXELS_AGE)]
         if due:
             pyramid = self._params.pyramid
-            cameras = level_cameras(camera, pyramid.num_levels, pyramid.min_side)
+            cameras = level_cameras(camera, pyramid.min_side, pyramid.num_levels)
             self._last = self._thread.submit(self._choose, due, cameras[min(pyramid.finest, len(cameras) - 1) :])
 
     def wait(self) -> None:

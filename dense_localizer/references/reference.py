@@ -305,7 +305,7 @@ class References:
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
         pyramid = self._registration.pyramid
-        cameras = level_cameras(camera, pyramid.num_levels, pyramid.min_side)
+        cameras = level_cameras(camera, pyramid.min_side, pyramid.num_levels)
         views = [View(self.coarse.reference(node.id), node.T_map_sphere) for node in nodes]
         overlaps = [image_overlap(cameras, [view], T_map_camera) for view in views]
         return nodes, np.where([self.coarse[node.id].camera.is_whole for node in nodes], 1.0, overlaps)

@@ -21,12 +21,12 @@ from path_follower.routes.mission import FollowerView, Goal, Mission, MissionSta
 from path_follower.routes.network_file import network_path, read_network, to_geojson
 from path_follower.routes.params import RouteNavigatorParams
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.actions import ActionGoal
 from sphere_nav.ros.constants import HEALTH_PERIOD
 from sphere_nav.ros.conversions import driving, header
 from sphere_nav.ros.conversions.status import told
 from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.rclpy_shell import ActionGoal
 from sphere_nav.ros.run import run
 from sphere_nav.ros.service import one_line
 

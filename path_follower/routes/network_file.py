@@ -24,8 +24,7 @@ from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import Network, RouteEdge
 from path_follower.smoothing import Curve
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import load_json, numbers, read_as, read_text, required, short
+from sphere_nav.geometry.files.untrusted import LIMITS, load_json, numbers, read_as, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, VERSION = "sphere_nav routes", 1

@@ -17,7 +17,7 @@ from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, repor
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.drivers import read_driver
-from sphere_nav.ros.camera.images import AnyImage, image_topic
+from sphere_nav.ros.camera.stream import AnyImage, image_topic
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.spheres.sphere import Sphere

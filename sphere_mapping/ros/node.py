@@ -23,7 +23,7 @@ from sphere_nav.photometric.warm_up import warm_up
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.conversions.graphs import graph_to_markers
-from sphere_nav.ros.localizer.map_transform import MapTransform
+from sphere_nav.ros.localizer.pose_outputs import MapTransform
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
 from sphere_nav.ros.tf import TransformListener

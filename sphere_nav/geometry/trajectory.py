@@ -17,8 +17,8 @@ from sphere_nav.geometry.se3 import SE3
 
 MAP_ID = "# map_id:"  # begins a line of comment: the map in whose frame the poses are
 TUM_FIELDS = ("stamp", "x", "y", "z", "qx", "qy", "qz", "qw")
-COVARIANCE_FIELDS = ("stamp", *(f"c{i}{j}" for i in range(6) for j in range(i, 6)))
 UPPER = np.triu_indices(6)
+COVARIANCE_FIELDS = ("stamp", *(f"c{i}{j}" for i, j in zip(*UPPER, strict=True)))
 NORM_TOLERANCE = 0.05  # files carry quaternions with few digits; beyond that a column is in the wrong place
 
 

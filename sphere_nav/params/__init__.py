@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import json
 import math
 import typing
 from collections.abc import Iterable, Mapping
@@ -18,8 +19,6 @@ from sphere_nav.params.homes import at_home
 
 C = TypeVar("C")
 SCALARS = (bool, int, float, str)
-
-__all__ = ["Leaf", "build", "group", "leaves", "param", "parameters", "plain_frame", "to_mapping"]
 
 
 def param(
@@ -127,7 +126,8 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
             inner = {name.removeprefix(group): value for name, value in values.items() if name.startswith(group)}
             arguments[item.name] = build(kind, inner)
         elif item.name in values:
-            arguments[item.name] = _as_meant(item.name, kind(values[item.name]))
+            value = kind(values[item.name])
+            arguments[item.name] = plain_frame(value) if item.name.endswith("frame") else at_home(value)
     return cls(**arguments)
 
 
@@ -161,6 +161,28 @@ def _fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
     return [(item, hints[item.name]) for item in dataclasses.fields(cls)]
 
 
-def _as_meant(name: str, value: Any) -> Any:
-    """Return a value with the home folder for `~/`; a frame without the leading slash of ROS 1."""
-    return plain_frame(value) if name.endswith("frame") else at_home(value)
+def to_yaml(*classes: type) -> str:
+    """Return a ROS 2 parameter file with every default of the classes, its meaning as comment above it."""
+    lines = ["/**:", "  ros__parameters:"]
+    open_groups: list[str] = []
+    for leaf in (leaf for cls in classes for leaf in leaves(cls)):
+        *groups, name = leaf.name.split(".")
+        for depth, part in enumerate(groups):
+            if open_groups[: depth + 1] != groups[: depth + 1]:
+                lines.append("  " * (depth + 2) + f"{part}:")
+        open_groups = groups
+        indent = "  " * (len(groups) + 2)
+        lines += [f"{indent}# {leaf.meaning()}", f"{indent}{name}: {_literal(leaf)}"]
+    return "\n".join(lines) + "\n"
+
+
+def to_markdown(cls: type) -> str:
+    """Return a list with one line a parameter."""
+    return "".join(f"- `{leaf.name}: {_literal(leaf)}`: {leaf.meaning()}\n" for leaf in leaves(cls))
+
+
+def _literal(leaf: Leaf) -> str:
+    if leaf.type is float:  # rclpy refuses an integer for a float parameter
+        text = repr(float(leaf.default))
+        return text if any(mark in text for mark in ".n") else text.replace("e", ".0e")
+    return json.dumps(leaf.default)

@@ -13,6 +13,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -241,47 +242,42 @@ def _simulation(values: Values) -> list[NodeStart]:
     return [*starts, *(_navigation({**defaults, **timed}) if values["map"] else [])]
 
 
+_topic, _file = partial(Argument, form=TOPIC), partial(Argument, is_file=True)
 COMMON = {
     "namespace": Argument("", "of all nodes and topics, where several vehicles share a domain", form=NAMESPACE),
-    "site": Argument("", "parameter file for all nodes", is_file=True),
+    "site": _file("", "parameter file for all nodes"),
     "security": Argument("false", "start each node with its keys, which sphere_nav keystore makes (SROS2)", FLAG),
 }
 TIMED = {"use_sim_time": Argument("false", "take the time from /clock", FLAG), **COMMON}
-ODOM = {"odom": Argument("odom", "topic of the odometry", form=TOPIC)}
+ODOM = {"odom": _topic("odom", "topic of the odometry")}
 CAMERA = {
-    "image": Argument("image_raw", "topic of the camera's images", form=TOPIC),
-    "info": Argument("camera_info", "topic of the camera's calibration", form=TOPIC),
+    "image": _topic("image_raw", "topic of the camera's images"),
+    "info": _topic("camera_info", "topic of the camera's calibration"),
     "driver": Argument("", "camera driver whose topics are heard instead (config/cameras)"),
 }
 LOCALISATION = {
-    "map": Argument(None, "map to localise in", is_file=True),
+    "map": _file(None, "map to localise in"),
     **CAMERA,
     "cameras": Argument("", "several cameras, on cameras/<name>/image_raw: names, with commas; empty: one"),
-    "rig": Argument(
-        "", "rig file of the cameras, or map for that in the map; empty: by camera_info, /tf_static", is_file=True
-    ),
+    "rig": _file("", "rig file of the cameras, or map for that in the map; empty: by camera_info, /tf_static"),
     "transport": Argument("raw", "images come on IMAGE, or on IMAGE/compressed", ("raw", "compressed")),
     **ODOM,
     **TIMED,
 }
 ROUTES = {
-    "routes": Argument(
-        "", "network of taught paths, or a map that has one, for missions by route_navigator; empty: none", is_file=True
-    )
+    "routes": _file("", "network of taught paths, or a map that has one, for missions by route_navigator; empty: none")
 }
 NAVIGATION = {
     **LOCALISATION,
     **ROUTES,
-    "trajectory": Argument(
-        "", "file of the trajectory to follow; empty: by the service load_trajectory or a topic", is_file=True
-    ),
-    "cmd_vel": Argument("cmd_vel", "topic of the commands to the base", form=TOPIC),
+    "trajectory": _file("", "file of the trajectory to follow; empty: by the service load_trajectory or a topic"),
+    "cmd_vel": _topic("cmd_vel", "topic of the commands to the base"),
     "stamped_cmd_vel": Argument("false", "commands are TwistStamped, not Twist", FLAG),
     "guard": Argument("false", "put command_guard before the base, which has no time-out of its own", FLAG),
-    "scan": Argument("scan", "topic of the laser scanner", form=TOPIC),
+    "scan": _topic("scan", "topic of the laser scanner"),
 }
 BAG = {
-    "bag": Argument("", "bag to play; empty: live topics", is_file=True),
+    "bag": _file("", "bag to play; empty: live topics"),
     "rate": Argument("1.0", "speed of playing; 0: as fast as the listeners take it", kind=float),
 }
 COMPOSITIONS = {
@@ -289,9 +285,7 @@ COMPOSITIONS = {
         "the mapper on live topics or a bag, with the stitcher before it where a rig is named",
         {
             "input": Argument("sphere", "what is mapped", tuple(MAPPER_TOPICS)),
-            "rig": Argument(
-                "", "rig file of the cameras that the stitcher makes spheres of; empty: no stitcher", is_file=True
-            ),
+            "rig": _file("", "rig file of the cameras that the stitcher makes spheres of; empty: no stitcher"),
             "driver": Argument("", "camera driver whose topics are heard (config/cameras), of rgbd and stereo"),
             **BAG,
             **ODOM,
@@ -309,20 +303,18 @@ COMPOSITIONS = {
         "beside Nav2: map -> odom, and commands for its collision monitor instead of the base",
         {
             **NAVIGATION,
-            "cmd_vel": Argument("cmd_vel_smoothed", "input of the collision monitor (cmd_vel_in_topic)", form=TOPIC),
+            "cmd_vel": _topic("cmd_vel_smoothed", "input of the collision monitor (cmd_vel_in_topic)"),
         },
         _navigation,
     ),
     "mcl": Composition(
         "the localiser in bare geometry",
         {
-            "cloud": Argument(None, "cloud, mesh, floor plan or map to localise in", is_file=True),
+            "cloud": _file(None, "cloud, mesh, floor plan or map to localise in"),
             **CAMERA,
             **ODOM,
-            "other": Argument(
-                "other/pose", "topic of the pose of another localiser, which watches and helps", form=TOPIC
-            ),
-            "path": Argument("reference_path", "topic of the path to be followed by direction", form=TOPIC),
+            "other": _topic("other/pose", "topic of the pose of another localiser, which watches and helps"),
+            "path": _topic("reference_path", "topic of the path to be followed by direction"),
             "preset": Argument("auto", "surroundings: indoor, outdoor, or auto: by the cloud"),
             **TIMED,
         },
@@ -335,8 +327,8 @@ COMPOSITIONS = {
             "seed": Argument("1", "decides the town and every noise", kind=int),
             "world": Argument("town", "where it drives", ("town", "city", "corridor", "ramp")),
             "traffic": Argument("false", "cars, cyclists and pedestrians in the streets", FLAG),
-            "map": Argument("", "map to localise in; empty: the simulator alone", is_file=True),
-            "trajectory": Argument("", "file of the trajectory to follow", is_file=True),
+            "map": _file("", "map to localise in; empty: the simulator alone"),
+            "trajectory": _file("", "file of the trajectory to follow"),
             **ROUTES,
             "record": Argument("", "bag to record everything into; empty: none"),
             **COMMON,
@@ -347,7 +339,7 @@ COMPOSITIONS = {
         "a recorded drive, localised in a map",
         {
             **LOCALISATION,
-            "bag": Argument(None, "bag to play", is_file=True),
+            "bag": _file(None, "bag to play"),
             "rate": BAG["rate"],
             "use_sim_time": Argument("true", "the recording's time, on /clock", FLAG),
         },

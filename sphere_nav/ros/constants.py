@@ -7,7 +7,7 @@ one was seen to take. Sizes of buffers and bounds of files stand where they are 
 from __future__ import annotations
 
 # Stamps and clocks (test_clocks)
-MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
+MAX_AHEAD_NS = 100_000_000  # of stamps: /clock may come later than what it stamps; map -> odom saves look-ups a wait
 CLOCK_PATIENCE_S = 0.4  # of steady time without an advance of the node's clock: the ramp to zero begins
 MAX_PATIENCE_S, FORGET = 3.0, 0.1  # s of patience with a slow simulator; share of the time by which it shrinks again
 MAX_LOOK_S = 0.1  # between two looks at the clock
@@ -19,11 +19,10 @@ MAX_MISSES = 3  # instants in a row without an image, after which a camera is no
 BACK_NS = 1_000_000_000  # stamps so far before the last instant, or before now, are of another time, as of a recording
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
 
-# Odometry and transforms (camera/test_odometry_input, test_tf, localizer/test_map_transform)
+# Odometry and transforms (camera/test_odometry_input, test_tf, localizer/test_pose_outputs)
 MAX_ODOMETRY_AGE_NS = 200_000_000  # for which odometry is carried on by its own speed
 PARENT_HOLD_NS = 1_000_000_000  # by which the stamps of a frame's parent must have ended before another takes over
 SAME_POSE = 1e-3  # m and rad: a frame that stands still and is told again may be off by so much
-AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need not wait for the next one
 TRANSFORM_PERIOD_S = 0.05  # between two of them while no image comes
 ODOMETRY_PATIENCE_NS = 500_000_000  # for odometry on /tf to come up to the stamp of an image
 

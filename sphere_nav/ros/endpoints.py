@@ -88,7 +88,7 @@ class GoalCalls(NamedTuple):
 
     `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may be
     under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish` (see
-    `sphere_nav.ros.actions.ActionGoal`).
+    `sphere_nav.ros.rclpy_shell.ActionGoal`).
     """
 
     check: Callable[[Any], None]

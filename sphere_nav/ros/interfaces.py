@@ -10,10 +10,8 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 from sphere_nav.ros.shared_files import share_folders
-
-SEPARATOR = "=" * 80
 
 
 def type_name(kind: type[Any]) -> str:
@@ -51,7 +49,7 @@ def schema_text(name: str) -> str:
     names = [name]
     for user in names:  # which grows
         names += [used for used in dict.fromkeys(_used_types(user)) if used not in names]
-    others = (f"{SEPARATOR}\nMSG: {one.replace('/msg/', '/')}\n{_definition(one)}" for one in names[1:])
+    others = (f"{'=' * 80}\nMSG: {one.replace('/msg/', '/')}\n{_definition(one)}" for one in names[1:])
     return "\n".join([_definition(name), *others])
 
 
@@ -97,7 +95,7 @@ def _share(package: str, name: str) -> Path | None:
     spec = find_spec(package)  # imports nothing: the name of a package has no dots
     code = Path(spec.origin).resolve().parent if spec is not None and spec.origin else None
     places = (folder / name for folder in share_folders(package, code))
-    return next((place for place in places if place.is_file()), None)
+    return next(filter(Path.is_file, places), None)
 
 
 def _parts(name: str) -> tuple[str, str, str]:

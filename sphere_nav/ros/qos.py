@@ -6,15 +6,15 @@ import re
 from typing import Any
 
 import yaml
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPresetProfiles, QoSProfile, ReliabilityPolicy
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, TRANSIENT_LOCAL = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 
-SENSOR = QoSProfile(depth=5, reliability=BEST_EFFORT, durability=VOLATILE)
+SENSOR: QoSProfile = QoSPresetProfiles.SENSOR_DATA.value  # 5 messages, best effort, volatile
 """Camera, laser, IMU, odometry inputs: matches every publisher."""
 
-STATE = QoSProfile(depth=10, reliability=RELIABLE, durability=VOLATILE)
+STATE: QoSProfile = QoSPresetProfiles.DEFAULT.value  # 10 messages, reliable, volatile
 """Poses, status, paths and other small outputs; also what drivers call 'system default'."""
 
 LATCHED = QoSProfile(depth=1, reliability=RELIABLE, durability=TRANSIENT_LOCAL)

@@ -1,4 +1,4 @@
-"""rclpy beneath what a node asks for: topics, services, timers, clocks and diagnostics of any rclpy node."""
+"""rclpy beneath what a node asks for: topics, services, actions, timers, clocks and diagnostics of any rclpy node."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from copy import copy
 from functools import partial
 from math import inf
 from typing import Any
+from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.action import ActionServer
+from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -21,9 +24,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sphere_nav.params import build, leaves
 from sphere_nav.ros import qos
-from sphere_nav.ros.actions import serve_action
 from sphere_nav.ros.constants import HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
-from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
+from sphere_nav.ros.conversions.headers import MAX_STAMP_NS, ns_to_time, plain_frames
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Answer, Endpoints, Entry, GoalCalls, ThrottledLog
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import Handler, answer_always, one_line
@@ -52,6 +54,79 @@ class LivePublisher:
         return self._publisher.wait_for_all_acked(Duration(seconds=seconds))
 
 
+# --- actions
+# Every callback is guarded, an answer always comes, and nothing waits in a loop. rclpy runs a goal as a coroutine; one
+# that awaits something is resumed at every turn of the executor, a core at full load. Here a goal is accepted, told to
+# the node, and ended by the node when it is done. Where the node raises on a request, the goal is rejected; where it
+# raises on an accepted one, the goal is aborted.
+class ActionGoal:
+    """A goal that was accepted: feedback while it lasts, one end."""
+
+    def __init__(self, handle: ServerGoalHandle) -> None:
+        self._handle, self._is_over = handle, False
+        self.request: Any = plain_frames(handle.request)
+
+    def publish(self, feedback: Any) -> None:
+        """Tell the client how it goes."""
+        if not self._is_over:
+            self._handle.publish_feedback(feedback)
+
+    def finish(self, result: Any, *, success: bool) -> None:
+        """End it: succeeded, canceled where the client wanted that, else aborted."""
+        if self._is_over:
+            return
+        self._is_over = True
+
+        def end(handle: ServerGoalHandle) -> Any:
+            if success:
+                handle.succeed()
+            elif handle.is_cancel_requested:
+                handle.canceled()
+            else:
+                handle.abort()
+            return result
+
+        self._handle.execute(end)
+
+
+def serve_action(shell: RclpyShell, kind: type[Any], name: str, calls: GoalCalls) -> ActionServer:
+    """Return an action server whose goals are ended by `ActionGoal.finish`; what its callbacks raise is counted."""
+    goals: WeakValueDictionary[bytes, ActionGoal] = WeakValueDictionary()  # the node keeps those under way
+
+    def attempt(where: str, call: Callable[[], None]) -> Exception | None:
+        try:
+            call()
+        except ValueError as error:
+            shell.log.warning(f"{name}: {where}: {one_line(error)}", every=LOG_PERIOD_S)
+            return error
+        except Exception as error:
+            shell.failures.add(error, f"{name}: {where}")
+            return error
+        return None
+
+    def accept(request: Any) -> GoalResponse:
+        error = attempt("goal rejected", lambda: calls.check(plain_frames(request)))
+        return GoalResponse.ACCEPT if error is None else GoalResponse.REJECT
+
+    def begin(handle: ServerGoalHandle) -> None:
+        goal = goals[bytes(handle.goal_id.uuid)] = ActionGoal(handle)
+        error = attempt("goal aborted", lambda: calls.begin(goal))
+        if error is not None:
+            result = kind.Result()
+            if hasattr(result, "reason"):
+                result.reason = one_line(error)
+            goal.finish(result, success=False)
+
+    def cancel(handle: ServerGoalHandle) -> CancelResponse:
+        attempt("cancel", lambda: calls.cancel(goals[bytes(handle.goal_id.uuid)]))
+        return CancelResponse.ACCEPT
+
+    return ActionServer(
+        shell, kind, name, begin, goal_callback=accept, handle_accepted_callback=begin, cancel_callback=cancel
+    )
+
+
+# --- the shell
 class RclpyShell(Endpoints, Node):
     """Opens and closes what a node asks for, and tells once a second how it is; base of the shells of processes."""
 
@@ -180,16 +255,8 @@ class RclpyShell(Endpoints, Node):
         return call
 
     def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
-        """Make an action server; what its callbacks raise is counted as of any callback."""
-
-        def report(where: str, error: BaseException) -> None:
-            if isinstance(error, ValueError):
-                self.log.warning(f"{where}: {one_line(error)}", every=LOG_PERIOD_S)
-            else:
-                self.failures.add(error, where)
-
-        server = serve_action(self, kind, name, calls, report)
-        self._entities.callback(server.destroy)
+        """Make an action server."""
+        self._entities.callback(serve_action(self, kind, name, calls).destroy)
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
@@ -224,8 +291,12 @@ class RclpyShell(Endpoints, Node):
         entries = [*self._life(), (self.callbacks_name, self.failures.examine())]
         entries += [(f"input {wanted.topic}", examine_input(self, wanted)) for wanted in inputs]
         entries += self.reports.items()
-        array = DiagnosticArray(status=[self._status(name, *entry) for name, entry in entries])
+        array = DiagnosticArray()
         array.header.stamp = ns_to_time(self.now_ns())
+        for name, (level, message, values) in entries:
+            pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+            name = f"{self.health_name}: {name}"
+            array.status.append(DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs))
         self._diagnostics.publish(array)
 
     def _tell_ready(self) -> None:
@@ -250,11 +321,6 @@ class RclpyShell(Endpoints, Node):
 
     def _life(self) -> Iterable[tuple[str, Entry]]:
         return ()
-
-    def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        name = f"{self.health_name}: {name}"
-        return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 
 def examine_input(shell: Any, wanted: Subscription) -> Entry:

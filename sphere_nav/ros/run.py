@@ -23,8 +23,8 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from sphere_nav.params import to_yaml
 from sphere_nav.params.homes import user_folder
-from sphere_nav.params.render import to_yaml
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
@@ -52,7 +52,7 @@ def run(
         sys.stdout.write(help_text(node_class))
         return 0
     return_large_blocks()
-    take_short_turns()
+    sys.setswitchinterval(TURN_S)  # what works in the background holds up an image for a moment only
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     overrides = [Parameter(name, value=value) for name, value in (values or {}).items()]
@@ -153,12 +153,6 @@ def _end(patience: float, unfinished: Callable[[], str]) -> None:
     if line:
         os.write(2, f"no end {patience:g} s after the signal: {line}\n".encode())
     os._exit(1 if line else 0)
-
-
-# --- memory and turns
-def take_short_turns() -> None:
-    """Have what works in the background hold up an image for a moment only, each time that the image needs Python."""
-    sys.setswitchinterval(TURN_S)
 
 
 def return_large_blocks() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.constants import LOG_PERIOD_S
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 
 Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file

@@ -30,9 +30,12 @@ RCLPY_NAMES, RCLPY_GROUPS = {"use_sim_time", "start_type_description_service"}, 
 
 def check_site_file(path: str, nodes: Sequence[str]) -> None:
     """Raise ValueError in one line unless all that a file says is heard by one of `nodes`."""
-    known = {f"{ALL}/{node}": _names_of(share_file(f"config/{node}.yaml")) for node in nodes}
+    known = {}
+    for node in nodes:
+        (shipped,) = _read(share_file(f"config/{node}.yaml")).values()
+        known[f"{ALL}/{node}"] = set(_flat(shipped[BODY], ""))
     known[ALL] = set().union(*known.values())
-    content = load_yaml(path, read_text(path, "parameter file", MAX_FILE_BYTES))
+    content = _read(path)
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: expected sections such as {ALL}, found {short(content)}")
     for section, below in content.items():
@@ -46,10 +49,8 @@ def check_site_file(path: str, nodes: Sequence[str]) -> None:
                 raise ValueError(f"{place}: {name}{hint}: expected a parameter of these nodes, found none")
 
 
-def _names_of(path: Path) -> set[str]:
-    """Return the parameters in the shipped file of a node."""
-    (content,) = load_yaml(path, read_text(path, "parameter file", MAX_FILE_BYTES)).values()
-    return set(_flat(content[BODY], ""))
+def _read(path: str | Path) -> Any:
+    return load_yaml(path, read_text(path, "parameter file", MAX_FILE_BYTES))
 
 
 def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[str]:

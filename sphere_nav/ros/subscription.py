@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.constants import LOG_PERIOD_S, SHARED_S
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 

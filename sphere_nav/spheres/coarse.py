@@ -10,7 +10,7 @@ import numpy as np
 
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Bytes, Floats
-from sphere_nav.geometry.cameras.spherical import MAX_LEVELS, level_cameras
+from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.spheres.constants import MIN_COARSE_SIDE, SURFACE_RATIO
 from sphere_nav.spheres.sphere import UNSEEN, Sphere
 
@@ -26,7 +26,7 @@ def coarse_sphere(sphere: Sphere) -> Sphere:
 
 
 def _halved(sphere: Sphere) -> Sphere:
-    cameras = level_cameras(sphere.camera, MAX_LEVELS, MIN_COARSE_SIDE)
+    cameras = level_cameras(sphere.camera, MIN_COARSE_SIDE)
     camera, factor = cast(Spherical, cameras[-1]), 2 ** (len(cameras) - 1)
     height, width = camera.height * factor, camera.width * factor
     gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)

@@ -17,7 +17,7 @@ from sphere_nav.estimation.robust import HUBER, huber_weights
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.geometry.cameras.spherical import MAX_LEVELS, level_cameras
+from sphere_nav.geometry.cameras.spherical import level_cameras
 from sphere_nav.spheres.coarse import coarse_sphere, nearest_surface
 from sphere_nav.spheres.constants import (
     EDGE_SHARE,
@@ -73,7 +73,7 @@ class RangeImage:
         """Return what alignment needs of a depth image; ValueError for one that is not of its camera's size."""
         depth_m = depth.depth_m
         check_depth(depth_m, depth.camera)
-        cameras = level_cameras(depth.camera, MAX_LEVELS, MIN_COARSE_SIDE)
+        cameras = level_cameras(depth.camera, MIN_COARSE_SIDE)
         camera, factor = cameras[-1], 2 ** (len(cameras) - 1)
         used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
         small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)

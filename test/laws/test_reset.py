@@ -39,7 +39,7 @@ from path_follower.vehicle import Limiter, Predictor
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.agreement import Agreement
+from sphere_nav.geometry.odometry import Agreement
 from sphere_nav.localization import InputCheck
 from sphere_nav.localization.params import InputParams, NodeParams, StateParams
 from sphere_nav.localization.state_machine import StateMachine
@@ -50,7 +50,7 @@ from sphere_nav.ros.camera.stream import CameraStream
 from sphere_nav.ros.camera.synchronizer import CameraHealth, Synchronizer
 from sphere_nav.ros.clocks import SimulatedTicks
 from sphere_nav.ros.conversions import se3_to_transform
-from sphere_nav.ros.localizer.map_transform import MapTransform
+from sphere_nav.ros.localizer.pose_outputs import MapTransform
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformTree
 from worlds.localizer import make_map

@@ -20,7 +20,7 @@ from path_follower.routes.building import build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
 from sphere_nav.localization.status import State
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import header
 from worlds.curves import straight_road
 from worlds.trip import SECOND, Trip
 

@@ -18,8 +18,8 @@ from sphere_mapping.acquisition.range.lens_check import check_info
 from sphere_nav.geometry import SE3, Rig
 from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.camera.stream import AnyImage, image_topic
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformError

@@ -1,4 +1,8 @@
-"""Double-sphere camera (Usenko, Demmel, Cremers: The Double Sphere Camera Model, 3DV 2018; basalt's `ds`)."""
+"""Cameras by two unit spheres, or by one.
+
+Two: Usenko, Demmel, Cremers: The Double Sphere Camera Model, 3DV 2018 (basalt's `ds`). One, Mei's, with distortion:
+Mei, Rives: Single View Point Omnidirectional Camera Calibration, ICRA 2007.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,8 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.pinhole import PlaneCamera
+
+MAX_XI = 1e3  # of an omni: a mirror's is 1 at most, a fisheye's 1 to 3
 
 
 class SphereCamera(PlaneCamera):
@@ -84,3 +90,21 @@ class DoubleSphere(SphereCamera):
             raise ValueError(
                 f"double sphere: expected -1 < xi <= 1 and 0 <= alpha <= 1, found xi {self.xi}, alpha {self.alpha}"
             )
+
+
+@dataclass(frozen=True)
+class Omni(SphereCamera):
+    """Kalibr's `omni` with `radtan`, OpenCV's `omnidir`: one sphere, and a lens.
+
+    (x, y) / (z + xi d), then k1 k2 p1 p2 [k3] and fx fy cx cy. xi = 0 is the pinhole camera.
+    """
+
+    xi: float = 0.0
+    distortion: tuple[float, ...] = ()
+    model: ClassVar[str] = "omni"
+    num_distortion: ClassVar[tuple[int, int]] = (0, 5)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= self.xi <= MAX_XI:
+            raise ValueError(f"omni: xi: expected 0 to {MAX_XI:g}, found {self.xi}")

@@ -11,9 +11,8 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array, Flags, Size
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.omni import Omni
-from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.double_sphere import Omni
+from sphere_nav.geometry.cameras.pinhole import Fisheye, Pinhole
 
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 K3, XI = 8, 9  # of an omni

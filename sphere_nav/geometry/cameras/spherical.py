@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 from sphere_nav.geometry.arrays import TINY, Array, Flags
 from sphere_nav.geometry.cameras.camera import Camera, check_size, inside
 
-MAX_LEVELS = 32  # more than any camera has
-
 
 @dataclass(frozen=True)
 class Spherical:
@@ -104,15 +102,12 @@ class Spherical:
 
 
 @lru_cache(maxsize=64)
-def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camera, ...]:
-    """Return the cameras of all levels, from fine to coarse."""
+def level_cameras(camera: Camera, min_side: int, num_levels: float = np.inf) -> tuple[Camera, ...]:
+    """Return the cameras of all levels, at most so many, from fine to coarse."""
     cameras = [camera]
-    while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
-        cameras.append(cameras[-1].halve())
+    while len(cameras) < num_levels and min(camera.width, camera.height) // 2 >= min_side:
+        if camera.is_whole and (camera.width % 4 or camera.height % 2):
+            break
+        camera = camera.halve()
+        cameras.append(camera)
     return tuple(cameras)
-
-
-def _can_halve(camera: Camera, min_side: int) -> bool:
-    if camera.is_whole and (camera.width % 4 or camera.height % 2):
-        return False
-    return min(camera.width, camera.height) // 2 >= min_side

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.arrays import Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import AnyPath, printable, read_bytes, told_at
+from sphere_nav.geometry.files.untrusted import LIMITS, AnyPath, printable, read_bytes, told_at
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
-START_OF_FRAME = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
+START_OF_FRAME = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # of these three are tables
 STANDALONE = {0x01, 0xFF, *range(0xD0, 0xD9)}
 OTHER_BYTES, OTHER_S = 1 << 30, 20.0  # of memory and of time for a file of another kind
 

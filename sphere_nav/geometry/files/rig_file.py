@@ -11,10 +11,8 @@ from typing import Any
 import yaml
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
-from sphere_nav.geometry.cameras.fisheye import Fisheye
-from sphere_nav.geometry.cameras.omni import Omni
-from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere, Omni
+from sphere_nav.geometry.cameras.pinhole import Fisheye, Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,

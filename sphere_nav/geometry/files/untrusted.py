@@ -32,6 +32,14 @@ AnyPath: TypeAlias = str | os.PathLike[str]
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
 MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
+LIMITS = {  # of what comes in a file or a message: more is refused before anything is allocated
+    "image file": 1 << 28,  # bytes
+    "cloud": 1 << 28,  # bytes of a message
+    "sphere": 1 << 25,  # pixels: 8192 x 4096
+    "features": 100_000,  # of a key sphere
+    "bag": 1 << 50,  # bytes of a file: any that a disk holds
+    "routes": 256 << 20,  # bytes of a network: 10 km are about 6 MB
+}
 
 
 @contextmanager
@@ -183,8 +191,9 @@ MAX_NUMBER = 1e15  # of any length, angle, coefficient or variance that makes se
 MAX_DIGITS = 64  # characters of a number
 MAX_SECONDS = 2**31  # what a ROS stamp holds
 
-_REPR = reprlib.Repr()
-_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
+MAX_SHOWN = 60  # characters of a value that is named in an error
+_shown = reprlib.Repr()
+_shown.maxstring = _shown.maxother = _shown.maxlong = MAX_SHOWN
 
 
 def mapping(found: Any, where: str, fields: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -306,7 +315,7 @@ def check_center(center: tuple[float, float], image_size: Size, where: str) -> N
 def short(found: Any) -> str:
     """Return a value as text of one short line, whatever its size."""
     try:
-        text = " ".join(_REPR.repr(found).split())
+        text = " ".join(_shown.repr(found).split())
     except ValueError:  # Python does not write such a number
         text = "a number of thousands of digits"
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."

@@ -93,7 +93,7 @@ def build_pyramid(
     check_image(image, camera)
     if is_seen is not None and not is_seen.all():
         image = np.where(is_seen, image, np.float32(np.nan)).astype(np.float32, copy=False)
-    cameras = level_cameras(camera, params.num_levels, params.min_side)
+    cameras = level_cameras(camera, params.min_side, params.num_levels)
     pad = pad_of(camera)
     levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]
     for smaller in cameras[1:]:

@@ -158,7 +158,7 @@ def prepare_reference(
     check_range(range_m, camera)
     image = image if image.dtype == np.uint8 else image.astype(np.float32, copy=False)
     check_image(image, camera)
-    cameras = level_cameras(camera, params.pyramid.num_levels, params.pyramid.min_side)
+    cameras = level_cameras(camera, params.pyramid.min_side, params.pyramid.num_levels)
     finest, pad = min(params.pyramid.finest, len(cameras) - 1), pad_of(camera)
     steps, ranges = in_steps(image, pad), np.ascontiguousarray(range_m, dtype=np.float32)
     levels = []

@@ -23,6 +23,7 @@ from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_file import open_bag, told
 from sphere_nav.ros.bags.recorded import ROS1, SALVAGE, SQLITE, BagError, Recorded, TopicInfo
+from sphere_nav.ros.bags.writer import absolute
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 STORED = (SQLITE, ".mcap", ".zstd")  # ends of the names of files with messages
@@ -39,7 +40,11 @@ class ForeignBag:
         try:
             self._open(path)
             with self._told():
-                self.topics = self._read_topics()
+                self.topics: dict[str, TopicInfo] = {}
+                for one in self._reader.connections:
+                    name, kind = absolute(one.topic), RENAMED.get(one.msgtype, one.msgtype)
+                    known = self.topics.setdefault(name, TopicInfo(name, kind, 0, _profile(one), ""))
+                    known.count += int(one.msgcount)
                 self._types = _types_of(self._reader.connections) if path.suffix == ROS1 else []
         except BaseException:
             self.close()
@@ -69,7 +74,7 @@ class ForeignBag:
 
     def raw(self, names: set[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Yield the messages of topics, of all where `names` is None, in order of time."""
-        wanted = [c for c in self._reader.connections if names is None or _topic_of(c) in names]
+        wanted = [c for c in self._reader.connections if names is None or absolute(c.topic) in names]
         if not wanted:
             return
         stop = None if end_ns is None else end_ns + 1
@@ -77,26 +82,14 @@ class ForeignBag:
             for connection, stamp_ns, data in self._reader.messages(wanted, start=start_ns, stop=stop):
                 plain = bytes(memoryview(data))  # TypeError where a database has something else there
                 if self._types:
-                    plain = self._migrate(connection.msgtype, plain)
-                yield Recorded(_topic_of(connection), int(stamp_ns), plain)
+                    (source, target), kind = self._types, connection.msgtype
+                    to = source, target, kind, RENAMED.get(kind, kind), self._migrations
+                    plain = bytes(migrate_bytes(*to, plain, src_is2=False, dst_is2=True))
+                yield Recorded(absolute(connection.topic), int(stamp_ns), plain)
 
     def close(self) -> None:
         """Close the files."""
         self._opened.close()
-
-    def _read_topics(self) -> dict[str, TopicInfo]:
-        topics: dict[str, TopicInfo] = {}
-        for connection in self._reader.connections:
-            name = _topic_of(connection)
-            kind = RENAMED.get(connection.msgtype, connection.msgtype)
-            known = topics.setdefault(name, TopicInfo(name, kind, 0, _profile(connection), ""))
-            known.count += int(connection.msgcount)
-        return topics
-
-    def _migrate(self, kind: str, data: bytes) -> bytes:
-        """Return a message of ROS 1 as CDR of the ROS 2 message of the same name."""
-        (source, target), name = self._types, RENAMED.get(kind, kind)
-        return bytes(migrate_bytes(source, target, kind, name, self._migrations, data, src_is2=False, dst_is2=True))
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -116,14 +109,10 @@ def _types_of(connections: list[Connection]) -> list[Any]:
     return stores
 
 
-def _topic_of(connection: Connection) -> str:
-    return "/" + connection.topic.lstrip("/")
-
-
 def _profile(connection: Connection) -> QoSProfile:
     """Return how a topic was offered, as far as it matters: whether its last message holds for who comes later."""
     offered = getattr(connection.ext, "offered_qos_profiles", ())
-    is_latched = bool(getattr(connection.ext, "latching", 0)) or _topic_of(connection) == "/tf_static"
+    is_latched = bool(getattr(connection.ext, "latching", 0)) or absolute(connection.topic) == "/tf_static"
     is_latched |= any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
     return qos.LATCHED if is_latched else qos.STATE
 

@@ -18,8 +18,7 @@ from mcap.records import Channel, Chunk, DataEnd, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file, printable, told_at
+from sphere_nav.geometry.files.untrusted import LIMITS, open_file, printable, told_at
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
 
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -59,7 +58,8 @@ class BagPlayer(ManagedNode):
             raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
         self.outputs = {name: self._output(info) for name, info in chosen.items()}
         self.latched = {name for name, info in chosen.items() if info.profile.durability == qos.TRANSIENT_LOCAL}
-        self.messages = self._from_start(chosen)
+        later = self.bag.raw(chosen, self.start_ns)
+        self.messages = (one for one in later if one.topic not in self.latched or one.stamp_ns > self.start_ns)
         self.next: Recorded | None = next(self.messages, None)
         self.total, self.done = sum(info.count for info in chosen.values()), 0
         self.origin: tuple[float, int] | None = None  # wall time and stamp that belong together
@@ -120,11 +120,6 @@ class BagPlayer(ManagedNode):
             self.progress(self.done, self.total)
         if self.next is None:
             self._end()
-
-    def _from_start(self, topics: Iterable[str]) -> Iterator[Recorded]:
-        for item in self.bag.raw(topics, self.start_ns):
-            if item.topic not in self.latched or item.stamp_ns > self.start_ns:
-                yield item
 
     def take(self) -> Recorded | None:
         """Return the next message if it is due, with rate 0 at once, and go on to the one after it."""

@@ -65,7 +65,7 @@ class BagRecorder(ManagedNode):
         self.recorded: dict[str, Subscription] = {}
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
         self.add_timer(TOPICS_PERIOD, self._look, is_wall=True)
-        self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
+        self.add_timer(FLUSH_PERIOD, partial(self._attempt, self.bag.flush), is_wall=True)
         self.log.info(f"recording into {self.bag.partial}, named {self.bag.path} when it is complete")
 
     def activate(self) -> None:
@@ -140,9 +140,6 @@ class BagRecorder(ManagedNode):
             wanted.num_received, wanted.num_lost = present.num_received, present.num_lost
         self.recorded[topic] = wanted
         self.log.info(f"{topic}: recording")
-
-    def _flush(self) -> None:
-        self._attempt(self.bag.flush)
 
     def _write(self, topic: str, data: bytes) -> None:
         self._attempt(lambda: self.bag.write_bytes(topic, data, self.now_ns()))

@@ -15,7 +15,7 @@ from __future__ import annotations
 import heapq
 import logging
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
@@ -227,7 +227,8 @@ def replay(
     clock that was behind the stamps of a sensor is put right: nodes would refuse what is ahead of their clock.
     """
     topics = required_topics(bag, bus)
-    lead_ns = find_lead(bag, topics)
+    lead_ns = max((stream.lead_ns for stream in read_streams(bag) if stream.topic in topics), default=0)
+    lead_ns *= lead_ns > MAX_AHEAD_NS  # else it is no fault
     yield from bus.settle()
     for topic, stamp, data in bag.raw(topics):
         yield from bus.advance(stamp + lead_ns)
@@ -236,12 +237,6 @@ def replay(
             wanted.deliver(data if wanted.raw else bag.decode(topic, data, kind))
         yield from bus.settle()
         progress(1)
-
-
-def find_lead(bag: BagReader, topics: Collection[str]) -> int:
-    """Return by how many ns the stamps of a topic are ahead of the times of recording; 0 where that is no fault."""
-    lead_ns = max((stream.lead_ns for stream in read_streams(bag) if stream.topic in topics), default=0)
-    return lead_ns if lead_ns > MAX_AHEAD_NS else 0
 
 
 def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:

@@ -19,11 +19,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 from sphere_nav.geometry.arrays import Size
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import TopicInfo
 from sphere_nav.ros.conversions.driving import check_scan
 from sphere_nav.ros.conversions.images import (
     DEPTH_ENCODINGS,
     ENCODINGS,
+    AnyImage,
     is_sixteen_bit,
     used_bits,
 )
@@ -104,14 +104,13 @@ def read_streams(bag: BagReader) -> list[Stream]:
     if bag not in _READ:
         first, last = bag.time_range
         offered = (info for _, info in sorted(bag.topics.items()) if info.count)
-        _READ[bag] = [_examine(bag, info, (last - first) * 1e-9) for info in offered]
+        _READ[bag] = []
+        for info in offered:
+            samples = islice(bag.messages([info.name]), NUM_SAMPLES) if info.type in WITH_FRAME else ()
+            shown = examine_samples([(item.stamp_ns, item.message) for item in samples], info.type, info.name)
+            rate_hz = (info.count - 1) / ((last - first) * 1e-9) if last > first else 0.0
+            _READ[bag].append(replace(shown, count=info.count, rate_hz=rate_hz))
     return _READ[bag]
-
-
-def _examine(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:
-    first = islice(bag.messages([info.name]), NUM_SAMPLES) if info.type in WITH_FRAME else ()
-    shown = examine_samples([(item.stamp_ns, item.message) for item in first], info.type, info.name)
-    return replace(shown, count=info.count, rate_hz=(info.count - 1) / seconds if seconds > 0 else 0.0)
 
 
 def examine_samples(found: Sequence[tuple[int, Any]], kind: str, topic: str) -> Stream:
@@ -165,7 +164,7 @@ def _examine_image(message: Image, topic: str) -> Fields:
         yield {"encoding": f"{message.encoding}; {used_bits(conversions.image_to_array(message))} bits used"}
 
 
-def _size_of(message: conversions.AnyImage, *, has_depth: bool) -> Size:
+def _size_of(message: AnyImage, *, has_depth: bool) -> Size:
     """Return width and height; ValueError for what cannot be used."""
     pixels = conversions.depth_to_meters(message) if has_depth else conversions.image_to_rgb(message)
     if has_depth and not np.isfinite(pixels).any():

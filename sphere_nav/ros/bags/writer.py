@@ -18,8 +18,7 @@ from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.recorded import BagError, TopicInfo
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.recorded import BagError, TopicInfo, serialize_to_store
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
@@ -46,7 +45,11 @@ class BagWriter:
     ) -> None:
         self.path = Path(path)
         self.partial = self.path.with_name(self.path.name + suffix)
-        self._refuse_to_overwrite()
+        if os.path.lexists(self.path):
+            raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
+        if os.path.lexists(self.partial):
+            what = "a run that is still writing, or the remains of one"
+            raise BagError(f"{self.partial}: {what}: '{self.salvage_command}' rescues them, or delete it")
         self.partial.mkdir(parents=True)
         self.file_name = file_name or f"{self.path.name}_0.mcap"
         self._file: BinaryIO = (self.partial / self.file_name).open("wb")
@@ -159,19 +162,18 @@ class BagWriter:
         finally:
             self.discard()
 
-    def _refuse_to_overwrite(self) -> None:
-        if os.path.lexists(self.path):
-            raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
-        if os.path.lexists(self.partial):
-            what = "a run that is still writing, or the remains of one"
-            raise BagError(f"{self.partial}: {what}: '{self.salvage_command}' rescues them, or delete it")
-
     def _description(self) -> dict[str, Any]:
         first, last = self._span or (0, 0)
-        topics = [
-            {"topic_metadata": _topic_description(entry), "message_count": entry.count}
-            for entry in self._topics.values()
-        ]
+        topics = []
+        for entry in self._topics.values():
+            description = {
+                "name": entry.name,
+                "type": entry.type,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": [qos.to_entry(entry.profile)],
+                "type_description_hash": entry.hash,
+            }
+            topics.append({"topic_metadata": description, "message_count": entry.count})
         extent = {
             "duration": {"nanoseconds": last - first},
             "starting_time": {"nanoseconds_since_epoch": first},
@@ -200,16 +202,6 @@ def free_path(first: Path) -> Path:
     """Return the path, or the first of `<path>_2`, `<path>_3`, ... at which there is no bag and no partial one."""
     paths = (first if number == 1 else first.with_name(f"{first.name}_{number}") for number in count(1))
     return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
-
-
-def _topic_description(entry: TopicInfo) -> dict[str, Any]:
-    return {
-        "name": entry.name,
-        "type": entry.type,
-        "serialization_format": "cdr",
-        "offered_qos_profiles": [qos.to_entry(entry.profile)],
-        "type_description_hash": entry.hash,
-    }
 
 
 def _sync_and_close(file: BinaryIO | Any) -> None:

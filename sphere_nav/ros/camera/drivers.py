@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_as, read_text, required, short
 from sphere_nav.ros.endpoints import base_topic
@@ -66,16 +65,13 @@ def read_driver(name: str) -> Driver:
     if not name.endswith(".yaml") and name not in driver_names():
         raise ValueError(f"driver: expected one of {', '.join(driver_names())} or a .yaml file, found {short(name)}")
     path = Path(name) if name.endswith(".yaml") else share_file(f"{FOLDER}/{name}.yaml")
-    return _driver(path, load_yaml(path, read_text(path, "driver preset", MAX_FILE_BYTES)))
+    content = load_yaml(path, read_text(path, "driver preset", MAX_FILE_BYTES))
+    driver: Driver = read_as(Driver, {"name": path.stem, **required(content, str(path), ())}, str(path))
+    choice(driver.input, f"{path}: input", INPUTS)
+    topics = {ours: theirs.strip("/") for ours, theirs in driver.topics.items()}
+    return replace(driver, root=driver.root.strip("/"), topics=topics)
 
 
 def topics_by_driver(driver: str) -> dict[str, str]:
     """Return the driver's topic for each of ours, relative to the node's namespace; none without a driver."""
     return read_driver(driver).names() if driver else {}
-
-
-def _driver(path: Path, content: Any) -> Driver:
-    driver: Driver = read_as(Driver, {"name": path.stem, **required(content, str(path), ())}, str(path))
-    choice(driver.input, f"{path}: input", INPUTS)
-    topics = {ours: theirs.strip("/") for ours, theirs in driver.topics.items()}
-    return replace(driver, root=driver.root.strip("/"), topics=topics)

@@ -13,10 +13,9 @@ from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.camera.stream import CameraStream, Picture
+from sphere_nav.ros.camera.stream import AnyImage, CameraStream, Picture, image_topic
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.constants import DEPTH_SLACK_S, SILENCE_NS
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints

@@ -1,4 +1,7 @@
-"""One camera: its images with all that they need to be localized - calibration, and the camera's place on the base."""
+"""One camera: its images with all that they need to be localized - calibration, and the camera's place on the base.
+
+Images come raw or compressed by image_transport.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +12,24 @@ from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import SphereInfo
 
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import Bytes, Size
 from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import Reason, Verdict
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.clocks import ahead_s
 from sphere_nav.ros.constants import MAX_AHEAD_NS
-from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.conversions.images import AnyImage as AnyImage
+from sphere_nav.ros.endpoints import COMPRESSED, COMPRESSED_DEPTH, Endpoints
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.range_alignment import DepthImage
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes
 
 ONE_CAMERA = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
@@ -183,3 +187,15 @@ def _same_frame(topic: str, before: str, frame: str) -> str:
     if before and frame and before != frame:
         raise ValueError(f"{topic}: header.frame_id: expected {before!r} as before, found {frame!r}")
     return frame or before
+
+
+def image_topic(topic: str, transport: str, *, is_depth: bool = False) -> tuple[str, type[Any]]:
+    """Return the topic by its transport, `raw` or `compressed`, and the kind of its messages."""
+    if transport == "raw":
+        return topic, Image
+    return topic + (COMPRESSED_DEPTH if is_depth else COMPRESSED), CompressedImage
+
+
+def read_gray(message: AnyImage, size: Size | None = None, levels: conversions.Levels | None = None) -> Bytes:
+    """Return grey levels (H, W) uint8; `size` and `levels` as of `image_to_rgb`."""
+    return to_gray_bytes(conversions.image_to_rgb(message, levels, size))

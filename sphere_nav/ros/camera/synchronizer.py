@@ -147,7 +147,9 @@ class Synchronizer:
         """Check the cameras of an instant."""
         self._closed_ns = max(self._closed_ns, one.stamp_ns)
         images, notes = {name: one.images[name][1] for name in self.names if name in one.images}, {}
-        frozen = self._find_frozen()
+        frozen = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_IMAGES}
+        if len(frozen) >= sum(health.last_stamp_ns >= 0 for health in self.health.values()):
+            frozen.clear()  # the images of others have not changed, either
         for name in self.names:
             health = self.health[name]
             health.num_misses = 0 if name in images else health.num_misses + 1
@@ -161,8 +163,3 @@ class Synchronizer:
             health.problem = problem
         stamp_ns = next(one.images[name][0] for name in self.names if name in one.images)
         return Instant(stamp_ns, images, notes)
-
-    def _find_frozen(self) -> set[str]:
-        """Return cameras whose image has not changed for long while others' has."""
-        stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_IMAGES}
-        return stuck if len(stuck) < sum(health.last_stamp_ns >= 0 for health in self.health.values()) else set()

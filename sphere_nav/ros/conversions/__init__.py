@@ -16,7 +16,10 @@ from sphere_nav.ros.conversions.clouds import cloud_to_message as cloud_to_messa
 from sphere_nav.ros.conversions.clouds import message_to_cloud as message_to_cloud
 from sphere_nav.ros.conversions.graphs import graph_to_message as graph_to_message
 from sphere_nav.ros.conversions.graphs import message_to_graph as message_to_graph
-from sphere_nav.ros.conversions.images import AnyImage as AnyImage
+from sphere_nav.ros.conversions.headers import header as header
+from sphere_nav.ros.conversions.headers import ns_to_time as ns_to_time
+from sphere_nav.ros.conversions.headers import stamp_ns as stamp_ns
+from sphere_nav.ros.conversions.headers import time_to_ns as time_to_ns
 from sphere_nav.ros.conversions.images import Levels as Levels
 from sphere_nav.ros.conversions.images import array_to_image as array_to_image
 from sphere_nav.ros.conversions.images import depth_to_meters as depth_to_meters
@@ -41,9 +44,5 @@ from sphere_nav.ros.conversions.spheres import camera_to_sphere_info as camera_t
 from sphere_nav.ros.conversions.spheres import message_to_sphere as message_to_sphere
 from sphere_nav.ros.conversions.spheres import sphere_info_to_camera as sphere_info_to_camera
 from sphere_nav.ros.conversions.spheres import sphere_to_message as sphere_to_message
-from sphere_nav.ros.conversions.stamps import header as header
-from sphere_nav.ros.conversions.stamps import ns_to_time as ns_to_time
-from sphere_nav.ros.conversions.stamps import stamp_ns as stamp_ns
-from sphere_nav.ros.conversions.stamps import time_to_ns as time_to_ns
 from sphere_nav.ros.conversions.status import message_to_status as message_to_status
 from sphere_nav.ros.conversions.status import status_to_message as status_to_message

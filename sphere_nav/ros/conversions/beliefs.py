@@ -13,8 +13,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.ros.conversions.headers import header
 from sphere_nav.ros.conversions.poses import se3_to_pose
-from sphere_nav.ros.conversions.stamps import header
 
 COLORS = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6), ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)  # the best, others
 THICKNESS = 0.05  # m, of what is drawn

@@ -11,7 +11,7 @@ from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_center, check_length
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import header
 
 ROTATION_TOLERANCE = 1e-3
 FISHEYE = "equidistant"

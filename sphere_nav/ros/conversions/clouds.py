@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
 from sphere_nav.geometry.arrays import Bytes, Floats, Integers
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import MAX_NUMBER
+from sphere_nav.geometry.files.untrusted import LIMITS, MAX_NUMBER
+from sphere_nav.ros.conversions.headers import header
 from sphere_nav.ros.conversions.images import to_bytes
-from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.appearance.features import SIZE, Features
 
 KINDS = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), PointField.INT8))  # as it numbers them

@@ -13,8 +13,8 @@ from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTraject
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.plausible import check_lengths
 from sphere_nav.localization.status import State
-from sphere_nav.ros.conversions.frames import check_frames as check_frames
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import check_frames as check_frames
+from sphere_nav.ros.conversions.headers import header
 from sphere_nav.ros.conversions.status import FACTS, told, with_codes
 
 try:

@@ -18,8 +18,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import short, told_at
 from sphere_nav.ros.conversions.beliefs import make_marker
+from sphere_nav.ros.conversions.headers import header, ns_to_time, time_to_ns
 from sphere_nav.ros.conversions.poses import and_covariance, pose_to_se3, se3_to_pose, with_covariance
-from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
 from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph

@@ -18,7 +18,7 @@ from sphere_nav.geometry.arrays import Bytes, Floats, Size
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import header
 
 AnyImage: TypeAlias = Image | CompressedImage
 ENCODINGS: dict[str, tuple[type, int]] = {  # type of what a pixel has, and how many

@@ -27,8 +27,7 @@ from sensor_msgs.msg import Imu
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_NUMBER, told_at
-from sphere_nav.ros.conversions.frames import check_frames
-from sphere_nav.ros.conversions.stamps import header, stamp_ns
+from sphere_nav.ros.conversions.headers import check_frames, header, stamp_ns
 
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
 

@@ -14,10 +14,9 @@ from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.files.encoded import decode_file
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import told_at
+from sphere_nav.geometry.files.untrusted import LIMITS, told_at
+from sphere_nav.ros.conversions.headers import header, stamp_ns
 from sphere_nav.ros.conversions.images import to_bytes
-from sphere_nav.ros.conversions.stamps import header, stamp_ns
 from sphere_nav.ros.conversions.status import told
 from sphere_nav.spheres import range_codec
 from sphere_nav.spheres.sphere import Sphere

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.localization.status import State, Status
-from sphere_nav.ros.conversions.stamps import header, stamp_ns
+from sphere_nav.ros.conversions.headers import header, stamp_ns
 
 M = TypeVar("M", bound=Any)
 FACTS = ("reason", "value", "limit")  # of a Verdict
@@ -23,8 +23,10 @@ def told(message: M, source: Any, *names: str) -> M:
     """
     for name in names or [name for name in message.get_fields_and_field_types() if hasattr(source, name)]:
         kind, value = type(getattr(message, name)), getattr(source, name)
+        if kind is str:
+            value = (value.value if isinstance(value, enum.Enum) else value) or ""
         if kind in (bool, int, float, str) and not (kind is float and not math.isfinite(value)):
-            setattr(message, name, _word(value) if kind is str else kind(value))
+            setattr(message, name, kind(value))
     return message
 
 
@@ -50,10 +52,6 @@ def message_to_status(message: LocalizationStatus) -> Status:
     values = {item.name: getattr(message, item.name) for item in fields(Status) if hasattr(message, item.name)}
     values |= {"state": State(message.state), "references": tuple(int(number) for number in message.references)}
     return Status(**values, stamp_ns=stamp_ns(message))
-
-
-def _word(value: Any) -> str:
-    return str(value.value if isinstance(value, enum.Enum) else value or "")
 
 
 def code_of(kind: type[Any], word: str) -> int:

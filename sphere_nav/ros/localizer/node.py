@@ -16,8 +16,8 @@ from sphere_nav_msgs.srv import Relocalize
 from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.agreement import Agreement
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.odometry import Agreement
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import (
     FINE,

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from sphere_nav_msgs.msg import AugmentedSphere, MapExperience, MapInfo
+from sphere_nav_msgs.msg import MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_file import whole_messages
@@ -82,13 +82,11 @@ def salvage_map(source: Path, target: Path, progress: Progress = lambda step: No
         graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
     parameters = load_yaml(file, info.parameters)
     details = MapDetails(told.map_id, told.software, info.source, parameters, info.rig, told.header.frame_id)
-    spheres = (message for topic, message in _readable(file) if topic == SPHERE)
-    write_stored(target, graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
+    wholes = (message for topic, message in _readable(file) if topic == SPHERE)
+    smalls = ((whole, coarse_sphere(message_to_sphere(whole))) for whole in wholes)
+    stored = ((whole, sphere_to_message(small, SPHERE_FRAME, int(whole.id))) for whole, small in smalls)
+    write_stored(target, graph, details, None, stored)
     return len(kept)
-
-
-def _made_small(whole: AugmentedSphere) -> AugmentedSphere:
-    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, int(whole.id))
 
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:

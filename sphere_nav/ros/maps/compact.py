@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.bags.recorded import view_message
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import LAYOUT, features_to_table, table_to_features
 from sphere_nav.spheres.appearance.features import Features

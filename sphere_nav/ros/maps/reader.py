@@ -22,8 +22,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
 from sphere_nav.ros.bags.mcap_file import McapFile, read_message
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.bags.recorded import BagError, view_message
 from sphere_nav.ros.camera.mounting import parse_mounting
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import message_to_features

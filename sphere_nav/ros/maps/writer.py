@@ -19,8 +19,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, 
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_file import read_message
-from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.bags.recorded import BagError, view_message
 from sphere_nav.ros.bags.writer import METADATA, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
@@ -231,23 +230,19 @@ def check_free(path: Path, *, is_overwriting: bool) -> None:
 
 def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
     nodes = sorted(graph, key=lambda node: node.id)
+    steps = (first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in pairwise(nodes))
     info = MapInfo(
         header=header(nodes[0].stamp_ns, details.frame_id),
         format_version=MapInfo.FORMAT_VERSION,
         parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
         num_spheres=len(nodes),
-        length=_length(nodes),
+        length=float(sum(steps)),
     )
     return told(info, details, "map_id", "software", "source", "rig")
 
 
 def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:
     return graph_to_message(graph, details.frame_id, map_id=details.map_id, software=details.software)
-
-
-def _length(nodes: list[KeySphere]) -> float:
-    steps = pairwise(nodes)
-    return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
 
 
 def replace_map(new: Path, path: Path) -> Path:

@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.camera.stream import read_gray
 from sphere_nav.ros.conversions.driving import motion_to_command
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog

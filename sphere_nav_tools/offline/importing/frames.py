@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.trajectory import associate
-from sphere_nav.ros.conversions.stamps import SECOND
+from sphere_nav.ros.conversions.headers import SECOND
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, EPOCHS_S
 from sphere_nav_tools.offline.importing.files import read_image
 

@@ -17,9 +17,8 @@ from sensor_msgs.msg import PointCloud2
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
-from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import MAX_TABLE_BYTES, read_bytes
+from sphere_nav.geometry.files.untrusted import LIMITS, MAX_TABLE_BYTES, read_bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.constants import MAX_POSE_GAP_NS

@@ -10,7 +10,7 @@ from typing import Any
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Floats
-from sphere_nav.geometry.files.opencv_file import load_opencv
+from sphere_nav.geometry.files.foreign_rig import load_foreign
 from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_as, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -122,7 +122,7 @@ def open_openloris(folder: Path) -> Recording:
     """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
     colors, depths = (_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
     path = folder / "sensors.yaml"
-    found: _Sensor = read_as(_Sensor, required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}")
+    found: _Sensor = read_as(_Sensor, required(load_foreign(path), str(path), [D435])[D435], f"{path}: {D435}")
     fx, cx, fy, cy = found.intrinsics.data
     distortion = found.distortion_coefficients.data if found.distortion_coefficients else ()
     camera = Pinhole(found.width, found.height, fx, fy, cx, cy, distortion)
@@ -168,7 +168,7 @@ def _rgbd(
 
 def _mounting(path: Path) -> SE3:
     """Return T_base_optical of the colour camera from a list of parent_frame, child_frame and matrix."""
-    found: _Frames = read_as(_Frames, load_opencv(path), str(path))
+    found: _Frames = read_as(_Frames, load_foreign(path), str(path))
     above, frame, T_frame_optical = {row.child_frame: row for row in found.trans_matrix}, D435, SE3.identity()
     while frame != "base_link":
         row = above.pop(frame, None)  # each once: a ring of frames ends, too

@@ -17,7 +17,7 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
-from sphere_nav.ros.conversions.stamps import SECOND
+from sphere_nav.ros.conversions.headers import SECOND
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.files import (
     read_meters,

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array, Size
-from sphere_nav.geometry.files.opencv_file import load_opencv
+from sphere_nav.geometry.files.foreign_rig import load_foreign
 from sphere_nav.geometry.files.untrusted import choice, number, read_as, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -148,7 +148,7 @@ def _optional(path: Path, columns: int, rows: list[int]) -> Array | None:
 
 def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     """Return the camera of a sensor.yaml and its pose T_body_camera, optical axes."""
-    found: _AslCamera = read_as(_AslCamera, load_opencv(path), str(path))
+    found: _AslCamera = read_as(_AslCamera, load_foreign(path), str(path))
     model = MODELS[choice(found.distortion_model, f"{path}: distortion_model", MODELS)]
     with told_at(path):
         camera = model(*found.resolution, *found.intrinsics, found.distortion_coefficients)

@@ -20,7 +20,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import InputParams, StateParams
 from sphere_nav.localization.status import State
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.recorded import serialize_to_store
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactSpheres
 from sphere_nav.ros.maps.reader import MapReader

@@ -49,7 +49,7 @@ def test_a_live_camera_waits_for_no_choice_and_one_is_made_after_the_other(room_
     may_choose.set()
     pixels._last.result(20.0)
     pixels.close()
-    assert len(asked) == len(level_cameras(PINHOLE, PARAMS.pyramid.num_levels, PARAMS.pyramid.min_side))
+    assert len(asked) == len(level_cameras(PINHOLE, PARAMS.pyramid.min_side, PARAMS.pyramid.num_levels))
 
 
 def test_what_fails_while_pixels_are_chosen_is_told_to_who_asks_next(room_map, monkeypatch):

@@ -74,6 +74,7 @@ def test_wrong_arguments_are_refused_in_one_line() -> None:
     for name, given, message in [
         ("localisation", {}, "map: expected a value"),
         ("localisation", {"map": "m", "drive": "true"}, r"drive \(is driver meant\?\): expected one of map, image"),
+        ("localisation", {"map": "gone"}, "map: expected a file or folder that exists, found 'gone'"),
         ("localisation", {"map": "m", "image": "front image"}, "image: expected letters, digits, _ and /"),
         (
             "localisation",

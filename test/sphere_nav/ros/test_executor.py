@@ -1,19 +1,13 @@
 """Whatever a callback raises, of ours or of rclpy, the same callback is served again and the process goes on."""
 
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
-from sphere_nav.params import param, parameters
-from sphere_nav.ros import qos
 from sphere_nav.ros.endpoints import ERROR, OK
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
-from sphere_nav.ros.node import ManagedNode
-from worlds.desk import Desk, ShellDesk
+from worlds.desk import Desk
 
 MAX_WAITS, RECENT_S = 50, 10.0  # written out: imported, a change would go unseen
 
@@ -26,27 +20,6 @@ class Lines:
 
     def error(self, text, *, every=0.0, key=""):
         self.lines.append(text)
-
-
-@parameters
-class EchoParams:
-    gain: float = param(1.0, "a factor", low=0.0, is_live=True)
-    file: str = param("good", "a file")
-
-
-class Echo(ManagedNode):
-    NAME = "echo"
-    PARAMS = EchoParams
-
-    def configure(self):
-        self.output = self.add_publisher("answer", Int32, qos.STATE)
-        self.add_subscription("number", Int32, lambda message: self.output.publish(message), qos.STATE)
-        self.add_subscription("latched", Int32, self.on_latched, qos.LATCHED, is_required=False)
-        self.latched = []
-
-    def on_latched(self, message):
-        self.latched.append(message.data)
-        raise OverflowError(message.data)
 
 
 @pytest.fixture
@@ -153,94 +126,3 @@ def test_level_and_line_of_the_diagnostics():
     now[0] += 0.1
     values = {"failed": 2, "last": failures.last_failure}
     assert failures.examine() == (OK, "all callbacks succeed", values)
-
-
-# --- a whole node, and what rclpy opens for it
-class Echoed(ShellDesk):
-    def __init__(self, **values):
-        super().__init__(Echo, **values)
-        self.clients, self.heard = {}, []
-        self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
-        self.numbers = self.peer.create_publisher(Int32, "number", 10)
-
-    def ask(self, kind, name, request):
-        """Return the answer; a client that is made where its like has just gone is at times never matched."""
-        if name not in self.clients:
-            self.clients[name] = self.peer.create_client(kind, f"echo/{name}")
-        self.until(self.clients[name].service_is_ready)
-        return self.done(self.clients[name].call_async(request))
-
-    def works(self, number):
-        def prod():
-            self.numbers.publish(Int32(data=number))
-            return number in self.heard
-
-        self.until(prod)
-        return True
-
-
-@pytest.fixture
-def make_desk(open_desk):
-    def make(**values):
-        desk = open_desk(Echoed, **values)
-        assert desk.shell.start() or not values.get("autostart", True)
-        return desk
-
-    return make
-
-
-def typed(name, kind, **value):
-    return Parameter(name=name, value=ParameterValue(type=kind, **value))
-
-
-def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
-    desk, kind = make_desk(), 77
-    odd, good = typed("gain", kind), typed("gain", 3, double_value=2.5)
-    answer = desk.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[odd, good]))
-    assert [result.successful for result in answer.results] == [False, True]
-    assert answer.results[0].reason == f"gain: {kind} is not a valid Parameter.Type"
-    request = SetParametersAtomically.Request(parameters=[good, odd])
-    answer = desk.ask(SetParametersAtomically, "set_parameters_atomically", request)
-    assert (answer.result.successful, str(kind) in answer.result.reason) == (False, True)
-    assert desk.works(kind)
-    assert (desk.shell.node.params.gain, desk.executor.failures.num_failed) == (2.5, 0)
-
-
-def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
-    desk = make_desk(autostart=False)
-    clock = desk.peer.create_publisher(Clock, "/clock", 10)
-
-    def choose(value):
-        request = SetParametersAtomically.Request(parameters=[typed("use_sim_time", 1, bool_value=value)])
-        return desk.ask(SetParametersAtomically, "set_parameters_atomically", request).result
-
-    assert choose(True).successful
-    clock_of = desk.shell.get_clock
-    assert clock_of().ros_time_is_active
-    assert choose(False).successful
-    desk.shell.trigger_configure()
-    refused = choose(True)
-    assert not refused.successful
-    assert refused.reason.startswith("use_sim_time: fixed while the node is configured")
-    assert not clock_of().ros_time_is_active
-    assert clock.get_subscription_count() == 0
-    assert not desk.shell.get_parameter("use_sim_time").value
-    mixed = [typed("gain", 3, double_value=2.0), typed("use_sim_time", 1, bool_value=True)]
-    request = SetParametersAtomically.Request(parameters=mixed)
-    assert not desk.ask(SetParametersAtomically, "set_parameters_atomically", request).result.successful
-    assert not clock_of().ros_time_is_active
-    desk.shell.trigger_cleanup()
-    assert choose(True).successful
-    assert clock_of().ros_time_is_active
-
-
-def test_a_latched_message_that_cannot_be_used_does_not_undo_the_start(make_desk):
-    desk = make_desk(autostart=False)
-    latched = desk.peer.create_publisher(Int32, "latched", qos.LATCHED)
-    desk.shell.trigger_configure()
-    latched.publish(Int32(data=4))
-    desk.until(lambda: any(wanted.kept for wanted in desk.shell.node.inputs))
-    desk.shell.trigger_activate()
-    assert desk.works(1)
-    assert desk.shell.node.latched == [4]
-    assert desk.executor.failures.last_failure.startswith("subscription latched: OverflowError: 4")

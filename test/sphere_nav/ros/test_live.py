@@ -7,6 +7,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
@@ -36,11 +39,11 @@ class Doubler(ManagedNode):
     def configure(self):
         if self.params.file != "good":
             raise ValueError("file: expected good, found bad")
-        self.jumps, self.ticks, self.is_clean = 0, 0, False
+        self.jumps, self.ticks, self.is_clean, self.latched = 0, 0, False, []
         self.output = self.add_publisher("doubled", Int32, qos.LATCHED)
         self.add_subscription("number", Int32, self.on_number, qos.STATE)
         self.add_subscription("hint", Int32, lambda message: None, qos.STATE, is_required=False)
-        self.add_subscription("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
+        self.add_subscription("latched", String, self.on_latched, qos.LATCHED, silence=0.0)
         self.add_service("~/reset", Trigger, self.on_reset)
         self.add_timer(0.05, self.on_tick)
 
@@ -52,6 +55,11 @@ class Doubler(ManagedNode):
 
     def on_tick(self):
         self.ticks += 1
+
+    def on_latched(self, message):
+        self.latched.append(message.data)
+        if message.data == "bad":
+            raise OverflowError(message.data)
 
     def on_number(self, message):
         if message.data < 0:
@@ -70,7 +78,17 @@ class Doubled(ShellDesk):
         self.statuses, self.doubled, self.said = {}, [], []
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
         self.peer.create_subscription(Int32, "doubled", lambda m: self.doubled.append(m.data), qos.LATCHED)
-        self.numbers = self.peer.create_publisher(Int32, "number", 10)
+        self.numbers, self.setters = self.peer.create_publisher(Int32, "number", 10), {}
+
+    def set(self, kind, name, *parameters):
+        """Return the answer; a client that is made where its like has just gone is at times never matched."""
+        if name not in self.setters:
+            self.setters[name] = self.peer.create_client(kind, f"doubler/{name}")
+        self.until(self.setters[name].service_is_ready)
+        return self.done(self.setters[name].call_async(kind.Request(parameters=parameters)))
+
+    def set_at_once(self, *parameters):
+        return self.set(SetParametersAtomically, "set_parameters_atomically", *parameters).result
 
     def on_diagnostics(self, message):
         self.statuses |= {status.name: status for status in message.status}
@@ -175,6 +193,46 @@ def test_while_the_node_is_configured_only_live_parameters_change_and_all_or_non
     assert desk.node.params.gain == 0.75
 
 
+def typed(name, kind, **value):
+    return ParameterMessage(name=name, value=ParameterValue(type=kind, **value))
+
+
+def test_a_parameter_of_no_type_is_refused_in_words(make_desk):
+    desk, kind = make_desk(), 77
+    desk.shell.start()
+    odd, good = typed("gain", kind), typed("gain", 3, double_value=2.5)
+    answer = desk.set(SetParameters, "set_parameters", odd, good)
+    assert [result.successful for result in answer.results] == [False, True]
+    assert answer.results[0].reason == f"gain: {kind} is not a valid Parameter.Type"
+    result = desk.set_at_once(good, odd)
+    assert (result.successful, str(kind) in result.reason) == (False, True)
+    desk.send(kind)
+    desk.until(lambda: desk.doubled == [2 * kind])
+    assert (desk.node.params.gain, desk.executor.failures.num_failed) == (2.5, 0)
+
+
+def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
+    desk = make_desk(autostart=False)
+    clock = desk.peer.create_publisher(Clock, "/clock", 10)
+    on, off = (typed("use_sim_time", 1, bool_value=value) for value in (True, False))
+    clock_of = desk.shell.get_clock
+    assert desk.set_at_once(on).successful
+    assert clock_of().ros_time_is_active
+    assert desk.set_at_once(off).successful
+    desk.shell.trigger_configure()
+    refused = desk.set_at_once(on)
+    assert not refused.successful
+    assert refused.reason.startswith("use_sim_time: fixed while the node is configured")
+    assert not clock_of().ros_time_is_active
+    assert clock.get_subscription_count() == 0
+    assert not desk.shell.get_parameter("use_sim_time").value
+    assert not desk.set_at_once(typed("gain", 3, double_value=2.0), on).successful
+    assert not clock_of().ros_time_is_active
+    desk.shell.trigger_cleanup()
+    assert desk.set_at_once(on).successful
+    assert clock_of().ros_time_is_active
+
+
 def test_simulated_time_is_honoured_and_a_jump_back_is_told(make_desk):
     desk = make_desk(use_sim_time=True)
     desk.shell.start()
@@ -216,6 +274,20 @@ def test_what_is_latched_between_configure_and_activate_is_not_lost(make_desk):
     assert (wanted.num_received, wanted.kept) == (1, [])  # depth 1: the last one holds
     desk.send(2)
     desk.until(lambda: desk.doubled == [4])  # what is not latched and came too early is gone
+
+
+def test_a_latched_message_that_cannot_be_used_does_not_undo_the_start(make_desk):
+    desk = make_desk(autostart=False)
+    desk.shell.start()
+    latched = desk.peer.create_publisher(String, "latched", qos.LATCHED)
+    desk.shell.trigger_configure()
+    latched.publish(String(data="bad"))
+    desk.until(lambda: any(wanted.kept for wanted in desk.node.inputs))
+    desk.shell.trigger_activate()
+    desk.send(1)
+    desk.until(lambda: desk.doubled == [2])
+    assert desk.node.latched == ["bad"]
+    assert desk.executor.failures.last_failure.startswith("subscription latched: OverflowError: bad")
 
 
 @pytest.mark.slow

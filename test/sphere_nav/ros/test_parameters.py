@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sphere_nav.params import group, param, parameters
-from sphere_nav.ros import parameters as kit
+from sphere_nav.ros import live as kit
 from sphere_nav.ros.rclpy_shell import RclpyShell
 
 
@@ -68,7 +68,7 @@ def test_descriptors_tell_meaning_unit_and_range(make_node):
 
 
 def test_setting_gives_the_reason(make_node):
-    node = make_node()
+    node = make_node(rate=3)  # as it is typed
     assert node.set_parameters([Parameter("rate", value=5.0)])[0].successful
     assert RclpyShell.read_parameters(node, Outer).rate == 5.0
     assert "one of 'slow', 'fast'" in node.set_parameters([Parameter("mode", value="idle")])[0].reason

@@ -15,8 +15,9 @@ def test_what_was_latched_is_known_by_its_yaml_also_of_older_bags_and_odd_texts_
         assert qos.from_yaml(qos.to_yaml(profile)) == latched
     for number, latched in [(1, qos.LATCHED), (2, qos.STATE), (10, qos.STATE)]:
         assert qos.from_yaml(f"- history: 1\n  depth: 7\n  reliability: 2\n  durability: {number}\n") == latched
+    presets = (qos.RELIABLE, qos.VOLATILE, 10), (qos.BEST_EFFORT, qos.VOLATILE, 5)
     for text in ["", "   ", "[]", "- 3", "- depth: -1"]:
-        assert qos.from_yaml(text) == qos.STATE
+        assert (parts(qos.from_yaml(text)), parts(qos.SENSOR)) == presets
 
 
 def test_a_mismatch_is_told():

@@ -25,7 +25,7 @@ from sphere_nav.ros.conversions import (
     se3_to_transform,
     status_to_message,
 )
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import header
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main

@@ -163,7 +163,7 @@ def _project_spherical(k, r):
 def _shift(k, r):
     """Put in place of z what x and y are divided by where rays pass one sphere or two before the plane.
 
-    That is alpha d2 + (1 - alpha) (z + xi d) with d2 = |(x, y, z + xi d)| (cameras/double_sphere.py, cameras/omni.py).
+    That is alpha d2 + (1 - alpha) (z + xi d) with d2 = |(x, y, z + xi d)| (cameras/double_sphere.py).
     Its derivative by x, y, z goes to rows TA, TB, TC, z itself to TD.
     """
     xi, alpha, min_first, min_second = k[13], k[14], k[15], k[16]

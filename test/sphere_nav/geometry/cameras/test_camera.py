@@ -6,7 +6,7 @@ import pytest
 from sphere_nav.geometry import DoubleSphere, Fisheye
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.cameras.spherical import Spherical
+from sphere_nav.geometry.cameras.spherical import Spherical, level_cameras
 
 
 def pixel_distance(a, b, camera):
@@ -130,6 +130,11 @@ def test_a_window_is_a_cut_of_the_whole_sphere_and_does_not_see_what_is_outside(
     window = Spherical(200, 100, 512.0, 420.0, 80.0)
     outside = np.array([[-2.0, 50.0], [201.0, 50.0], [100.0, -2.0], [100.0, 101.0]])
     assert not window.project(window.unproject(outside))[1].any()
+
+
+def test_levels_end_where_a_whole_sphere_has_no_half_or_a_side_gets_short():
+    odd, short, few = level_cameras(Spherical(40, 20), 1), level_cameras(SPHERE, 100), level_cameras(SPHERE, 1, 2)
+    assert (odd[-1].width, short[-1].width, few[-1].width) == (10, 256, 256)
 
 
 def test_the_derivative_stays_finite_at_the_poles():

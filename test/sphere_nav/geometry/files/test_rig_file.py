@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole, Rig, RigCamera, Spherical
-from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+from sphere_nav.geometry.files.untrusted import LIMITS
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
 from sphere_nav_tools.offline.importing.files import read_image
 from worlds.foreign import refusal

@@ -10,7 +10,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter, player_node
 from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.conversions.stamps import time_to_ns
+from sphere_nav.ros.conversions.headers import time_to_ns
 
 SECOND = 10**9
 BEGIN = 5 * SECOND  # of the bags of `make_bag`

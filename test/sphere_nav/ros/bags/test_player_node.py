@@ -110,7 +110,7 @@ def test_a_full_disk_ends_the_recording_with_one_line(recorder, tmp_path, monkey
 
     monkeypatch.setattr(shell.node.bag, "flush", fail)
     monkeypatch.setattr(shell.node.bag, "close", fail)
-    shell.node._flush()
+    shell.node._attempt(shell.node.bag.flush)
     assert ended == [1]
     shell.stop()
     assert not (tmp_path / "out").exists()

@@ -1,6 +1,7 @@
 """A replay calls the very callbacks of the nodes, in order, the same way every time."""
 
 import pytest
+from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
@@ -9,6 +10,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.bags.replay import OfflineBus, record, replay
+from sphere_nav.ros.conversions import header
 from sphere_nav.ros.node import ManagedNode
 
 
@@ -90,6 +92,18 @@ def test_two_replays_are_equal_to_the_bit(make_bag):
 def test_timers_fire_on_the_clock_of_the_recording(make_bag):
     _, echo, _, _ = run(make_bag(), period=0.25)
     assert echo.ticks == [5_000_000_000 + 250_000_000 * n for n in range(1, 16)]  # 3.9 s
+
+
+@pytest.mark.parametrize(("lead_ms", "shift_ms"), [(90, 0), (110, 110)])
+def test_a_recorders_clock_that_is_behind_the_stamps_is_put_right(tmp_path, lead_ms, shift_ms):
+    bus, heard, ms = OfflineBus(), [], 10**6
+    node = bus.add(ManagedNode)
+    node.add_subscription("odom", Odometry, lambda message: heard.append(bus.now_ns))
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write("odom", Odometry(header=header((1000 + lead_ms) * ms, "odom")), 1000 * ms)
+    with BagReader(tmp_path / "bag") as bag:
+        list(replay(bag, bus))
+    assert heard == [(1000 + shift_ms) * ms]
 
 
 def test_topics_are_renamed_and_a_required_one_that_is_not_in_the_bag_is_told(make_bag):

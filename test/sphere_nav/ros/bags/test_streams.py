@@ -10,7 +10,7 @@ from sensor_msgs.msg import CompressedImage
 from sphere_nav.geometry import Pinhole
 from sphere_nav.ros.bags.streams import CAMERA_INFO, COMPRESSED, IMAGE, Stream, examine_samples
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
-from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.headers import header
 from worlds.streams import compressed, image
 
 SECOND = 10**9

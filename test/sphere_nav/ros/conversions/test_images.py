@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.camera.stream import read_gray
 from sphere_nav.ros.conversions import (
     array_to_image,
     depth_to_meters,

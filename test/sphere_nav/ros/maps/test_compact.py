@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.recorded import serialize_to_store
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres, Spool
 from sphere_nav.spheres.appearance.features import SIZE, Features

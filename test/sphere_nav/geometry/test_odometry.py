@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.agreement import LIMIT, Agreement, difference
+from sphere_nav.geometry.odometry import LIMIT, Agreement, difference
 
 SECOND = 10**9
 CERTAIN = np.diag([0.1, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2

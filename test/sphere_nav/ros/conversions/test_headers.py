@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.conversions.headers import plain_frames
 from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.ros.camera.images import image_topic, read_gray
-from sphere_nav.ros.camera.stream import panorama_of
+from sphere_nav.ros.camera.stream import image_topic, panorama_of, read_gray
 from sphere_nav.ros.conversions import Levels, array_to_image, header, image_to_rgb
 
 COLORS = np.random.default_rng(0).integers(0, 256, (8, 16, 3), dtype=np.uint8)

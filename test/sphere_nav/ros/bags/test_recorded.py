@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
+from sphere_nav.ros.bags.recorded import BagError, serialize_to_store, view_message
 
 # glibc fills every new piece of memory with this byte, so that what a serializer leaves untouched shows.
 PROGRAM = """
 import sys
 from sphere_nav_msgs.msg import AugmentedSphere
-from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.bags.recorded import serialize_to_store
 message = AugmentedSphere()
 message.header.frame_id = "odd"
 print(serialize_to_store(message).hex())
