@@ -37,7 +37,7 @@ from sphere_nav_tools.cli import localize as localize_command
 from sphere_nav_tools.cli import mcl as mcl_command
 from sphere_nav_tools.offline import evaluation, localizing, topics
 from sphere_nav_tools.offline.constants import DEFAULT_HZ
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera
+from sphere_nav_tools.offline.localizing import RecordedCamera
 from sphere_nav_tools.offline.registering import Registration, register_spheres
 
 CAMERAS = (Pinhole, Fisheye, Omni, DoubleSphere, Spherical)

@@ -18,7 +18,8 @@ DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
 MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
 # A drive of a rig (mapping/test_workers)
-AHEAD = 2  # instants stitched before the mapper has their spheres: always as many; odometry is kept for 2 s
+AHEAD = 2  # pieces a worker under way: one at work, one that waits; instants stitched before the mapper has theirs:
+# always as many; odometry is kept for 2 s
 
 # A rectified pair by its drive (mapping/test_drive)
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive

@@ -30,8 +30,8 @@ from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.spheres.sphere import to_gray_bytes
 from sphere_nav_tools.offline.constants import MAX_PAUSE_S, MAX_POSE_GAP_NS, REFINE_ROUNDS, SETTLED_PX
+from sphere_nav_tools.offline.localizing import RecordedCamera
 from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.tables import progress, quantity_lines
 from sphere_nav_tools.offline.topics import BASE_FRAME
 

@@ -17,7 +17,7 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.files import read_meters, read_rgb, require_size
-from sphere_nav_tools.offline.mapping.instants import collect
+from sphere_nav_tools.offline.mapping.stereo_drive import collect
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 

@@ -14,9 +14,9 @@ from typing import Any, Self
 import cv2
 
 from sphere_mapping.graph.verification import run_in
+from sphere_nav_tools.offline.constants import AHEAD
 
 NUM_THREADS = 2  # of the process that registers one sphere after the other
-AHEAD = 2  # pieces a worker that are under way: one at work, one that waits
 CONNECT_S = 20.0
 
 
