@@ -28,7 +28,7 @@ from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import SILENT_PERIODS
-from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
+from sphere_nav_tools.offline.evaluation import PoseReading, sort_poses
 from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder

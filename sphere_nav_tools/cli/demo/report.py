@@ -11,8 +11,7 @@ from scipy.spatial import KDTree
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.evaluation import Judged, evaluate_poses, read_poses
 
 EXAGGERATION = 50  # of the distance between two paths that no eye could tell apart
 WAY = 0.1  # m that a metre on the way counts beside one on the ground, so that a path may cross itself

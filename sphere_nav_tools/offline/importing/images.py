@@ -17,6 +17,7 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.evaluation import BAG_SUFFIXES
 from sphere_nav_tools.offline.importing.files import require_folder, require_size
 from sphere_nav_tools.offline.importing.frames import (
     VIDEOS,
@@ -39,7 +40,6 @@ from sphere_nav_tools.offline.importing.recording import (
     rig_views,
 )
 from sphere_nav_tools.offline.importing.spherical import sphere_recording
-from sphere_nav_tools.offline.pose_bags import BAG_SUFFIXES
 from sphere_nav_tools.offline.topic_finder import ALONE
 
 LEVELS = ("top", "bottom")

@@ -15,6 +15,7 @@ from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_as, require
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.evaluation import trajectory_of
 from sphere_nav_tools.offline.importing.files import (
     Matrix,
     pose_of_matrix,
@@ -35,7 +36,6 @@ from sphere_nav_tools.offline.importing.recording import (
     camera_recording,
     with_truth,
 )
-from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered

@@ -19,6 +19,7 @@ from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.evaluation import trajectory_of
 from sphere_nav_tools.offline.importing.files import (
     read_meters,
     read_pose,
@@ -28,7 +29,6 @@ from sphere_nav_tools.offline.importing.files import (
 )
 from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, order_of
 from sphere_nav_tools.offline.importing.recording import Instant, Recording, with_truth
-from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 SPHERE_FRAME = "sphere_link"
 NUM_SENSORS = 8

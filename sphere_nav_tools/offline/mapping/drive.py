@@ -26,10 +26,17 @@ from sphere_nav_tools.offline.constants import (
     MAX_LOST,
     SURVEY_SIGMA,
 )
-from sphere_nav_tools.offline.evaluation import MAX_TRUTH_GAP_NS, TRUTH_TOPICS, align_at
+from sphere_nav_tools.offline.evaluation import (
+    MAX_TRUTH_GAP_NS,
+    TRUTH_TOPICS,
+    align_at,
+    find_topic,
+    read_poses,
+    trajectory_of,
+)
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-from sphere_nav_tools.offline.pose_bags import find_topic, read_poses, trajectory_of
-from sphere_nav_tools.offline.registering import REMEDY
+
+REMEDY = "smaller steps between the images (slower, more a second), more range in them"
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline.evaluation import evaluate_poses
-from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.evaluation import evaluate_poses, trajectory_of
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
