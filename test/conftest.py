@@ -52,7 +52,7 @@ def pytest_configure() -> None:
         pytest.exit(
             f"{different[0]}{more}: not as in the checkout; `make test` or `make env` installs it", returncode=2
         )
-    from sphere_nav_tools.cli.demo.domains import FOR_TESTS, claim_domain  # it is what is installed, as was seen
+    from sphere_nav_tools.cli.processes import FOR_TESTS, claim_domain  # it is what is installed, as was seen
 
     os.environ["ROS_DOMAIN_ID"] = str(claim_domain(FOR_TESTS))
 

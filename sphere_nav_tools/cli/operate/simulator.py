@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from path_follower.routes.network_file import network_path
-from sphere_nav_tools.cli.demo.domains import claim_domain
-from sphere_nav_tools.cli.processes import Processes
+from sphere_nav_tools.cli.processes import Processes, claim_domain
 
 SIMULATION = {
     "has_stamped_command": False,  # the clock waits for nobody

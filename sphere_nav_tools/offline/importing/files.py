@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry.arrays import Array, Bytes, Floats, Size
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import (
     MAX_NUMBER,
@@ -31,6 +31,12 @@ class Matrix:
     """A matrix as OpenCV writes it, row by row."""
 
     data: tuple[float, ...]
+
+
+def pinhole(size: Size, lens: tuple[float, ...]) -> Pinhole:
+    """Return the camera of a size (width, height) by its lens: fx, fy, cx, cy and the distortion."""
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(*size, fx, fy, cx, cy, tuple(distortion))
 
 
 def require_size(where: object, pixels: NDArray[Any], camera: Camera) -> None:

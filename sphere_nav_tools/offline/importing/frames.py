@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry.arrays import Bytes
+from sphere_nav.geometry.files.untrusted import parse_stamp_ns
 from sphere_nav.geometry.trajectory import associate
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, EPOCHS_S
@@ -169,8 +170,7 @@ def instants_of(cameras: Mapping[str, Pictures], max_gap_ns: int = 0) -> list[di
 def stamp_of(stem: str) -> int | None:
     """Return the stamp in ns that the name of a file is; None if it is none."""
     if re.fullmatch(r"\d{9,10}\.\d+", stem):
-        whole, part = stem.split(".")
-        return int(whole) * 1_000_000_000 + int(f"{part:0<9}"[:9]) if float(stem) >= EPOCHS_S else None
+        return parse_stamp_ns(stem, "name") if float(stem) >= EPOCHS_S else None
     return int(stem) * UNITS.get(len(stem) // 3, 0) or None if stem.isdigit() else None
 
 

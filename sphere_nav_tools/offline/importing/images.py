@@ -13,16 +13,15 @@ from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
-from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
+from sphere_nav.geometry import SE3, Rig, Spherical
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.evaluation import BAG_SUFFIXES
-from sphere_nav_tools.offline.importing.files import require_folder, require_size
+from sphere_nav_tools.offline.importing.files import pinhole, require_folder, require_size
 from sphere_nav_tools.offline.importing.frames import (
     VIDEOS,
     Picture,
-    Pictures,
     guess_format,
     instants_of,
     is_image,
@@ -65,17 +64,16 @@ def open_images(
         return _rig_recording(folder, read_rig(rig), hz)
     if lens is not None and baseline_m is not None:
         pair = [open_frames(folder, side, hz) for side in SIDES]
-        lenses = [_pinhole(pair[0], lens)] * 2
+        lenses = [pinhole(pair[0][0].read().shape[1::-1], lens)] * 2
         T_left_right = SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0])
         return camera_recording(pair_views(pair, lenses, T_left_right, baseline_m))
-    if lens is not None:
-        frames = open_frames(folder, "", hz)
-        return camera_recording({"": View("", OPTICAL_FRAME, _pinhole(frames, lens), frames)})
-    if baseline_m is not None:
+    if lens is None and baseline_m is not None:
         return _panoramas(folder, baseline_m, hz)
-    if not is_panorama:
+    if lens is None and not is_panorama:
         raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
     frames = open_frames(folder, "", hz)
+    if lens is not None:
+        return camera_recording({"": View("", OPTICAL_FRAME, pinhole(frames[0].read().shape[1::-1], lens), frames)})
     height, width = _read_panorama(frames[0]).shape[:2]
     return camera_recording({"": View("", CAMERA_FRAME, Spherical(width, height), frames)})
 
@@ -106,13 +104,6 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
     if not is_lone and rig.names != SIDES:
         return camera_recording(rig_views(rig, cameras), RIG_FRAME)
     return camera_recording(rig_views(rig, cameras, "" if is_lone else "{}/"))
-
-
-def _pinhole(frames: Pictures, lens: tuple[float, ...]) -> Pinhole:
-    """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
-    height, width = frames[0].read().shape[:2]
-    fx, fy, cx, cy, *distortion = lens
-    return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
 
 
 def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:

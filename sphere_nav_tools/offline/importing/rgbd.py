@@ -28,7 +28,7 @@ from sphere_nav_tools.offline.importing.files import (
     require_size,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed
+from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, even_stamps, listed
 from sphere_nav_tools.offline.importing.recording import (
     OPTICAL_FRAME,
     Recording,
@@ -111,10 +111,11 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
-    stamps = {name: FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ) for index, name in enumerate(("prev", "curr"))}
-    colors, depths = ([(stamps[n], folder / f"{kind}_{n}.png") for n in stamps] for kind in ("img", "dep"))
-    paths = [folder / f"pose_{name}.txt" for name in stamps]
-    truth = trajectory_of([*stamps.values()], [pose_of_row(read_numbers(path, 7)[0], path) for path in paths])
+    stamps, names = even_stamps(2, KINECT_HZ), ("prev", "curr")
+    files = ([folder / f"{kind}_{name}.png" for name in names] for kind in ("img", "dep"))
+    colors, depths = ([*zip(stamps, found, strict=True)] for found in files)
+    paths = [folder / f"pose_{name}.txt" for name in names]
+    truth = trajectory_of(stamps, [pose_of_row(read_numbers(path, 7)[0], path) for path in paths])
     return with_truth(_rgbd(colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", truth)
 
 

@@ -17,7 +17,6 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.conversions import sphere_to_message
-from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.evaluation import trajectory_of
 from sphere_nav_tools.offline.importing.files import (
@@ -27,7 +26,7 @@ from sphere_nav_tools.offline.importing.files import (
     require_folder,
     require_size,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, order_of
+from sphere_nav_tools.offline.importing.frames import even_stamps, order_of
 from sphere_nav_tools.offline.importing.recording import Instant, Recording, with_truth
 
 SPHERE_FRAME = "sphere_link"
@@ -74,7 +73,7 @@ def _open_ring(folder: Path) -> Recording:
     known, file = _gicp_poses(folder, names)
     T_rig_sphere = stitcher.T_rig_sphere
     truth = known and known.moved(T_rig_sphere.inverse())
-    return with_truth(sphere_recording(_seconds(names), sphere), file, truth, T_pose_link=T_rig_sphere)
+    return with_truth(sphere_recording(even_stamps(len(names), 1.0), sphere), file, truth, T_pose_link=T_rig_sphere)
 
 
 def _gicp_poses(folder: Path, names: list[Path]) -> tuple[Trajectory | None, str]:
@@ -84,7 +83,8 @@ def _gicp_poses(folder: Path, names: list[Path]) -> tuple[Trajectory | None, str
         first, _, second = path.stem.removeprefix("gicp_T_").partition("_")
         if first in plain and second in plain:
             poses = {first: SE3.identity(), second: T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()}
-            told = [(at, poses[name]) for name, at in zip(plain, _seconds(names), strict=True) if name in poses]
+            stamps = dict(zip(plain, even_stamps(len(names), 1.0), strict=True))
+            told = [(stamps[name], poses[name]) for name in plain if name in poses]
             return trajectory_of(*zip(*told, strict=True)), path.name
     return None, ""
 
@@ -101,15 +101,11 @@ def _open_equirectangular(folder: Path) -> Recording:
         require_size(file, range_m, camera)
         return Sphere(image, range_m, camera, stamp)
 
-    recording, truth = sphere_recording(_seconds(names), sphere), folder / "poses.tum"
+    recording, truth = sphere_recording(even_stamps(len(names), 1.0), sphere), folder / "poses.tum"
     if not truth.is_file():
         return recording
     told = read_tum(truth)
     if len(told) != len(names):
         raise ValueError(f"{truth}: expected {len(names)} rows, one an image, found {len(told)}")
-    told = replace(told, stamps_ns=np.array(_seconds(names)))
+    told = replace(told, stamps_ns=np.array(even_stamps(len(names), 1.0)))
     return with_truth(recording, truth.name, told, T_pose_link=SE3.identity())
-
-
-def _seconds(names: list[Path]) -> list[int]:
-    return [FIRST_STAMP_NS + index * SECOND for index in range(len(names))]

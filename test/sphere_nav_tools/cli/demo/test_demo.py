@@ -13,9 +13,20 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.cli.demo.demo import OTHER_DAY, Demo, add_arguments, has_ended, new_folder, verdict
-from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
-from sphere_nav_tools.cli.demo.report import DriveErrors, _in_motion, distances_from, drive_errors, exaggerate
+from sphere_nav_tools.cli.demo.demo import (
+    OTHER_DAY,
+    Demo,
+    DriveErrors,
+    _in_motion,
+    add_arguments,
+    distances_from,
+    drive_errors,
+    exaggerate,
+    has_ended,
+    new_folder,
+    verdict,
+)
+from sphere_nav_tools.cli.processes import FOR_DRIVES, FOR_TESTS, claim_domain
 
 SECOND = 10**9
 
