@@ -13,11 +13,10 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.offline.importing.files import pinhole
-from sphere_nav_tools.offline.importing.images import open_images
+from sphere_nav_tools.offline.importing.images import open_images, open_spherical
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
-from sphere_nav_tools.offline.importing.spherical import open_spherical
 from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
 from sphere_nav_tools.offline.settings import add, choose, flag, floats, read_positive
 from sphere_nav_tools.offline.tables import progress

@@ -42,7 +42,7 @@ MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds 
 PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
 IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
 
-# Lessons of a drive (test_lessons)
+# Lessons of a drive (cli/maps/test_map_learn)
 NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
 TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
 MIN_MEASURED = 0.2  # of the pixels, for a key sphere

@@ -28,12 +28,14 @@ from sphere_nav_tools.offline.importing.files import (
     require_size,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, even_stamps, listed
 from sphere_nav_tools.offline.importing.recording import (
+    FIRST_STAMP_NS,
     OPTICAL_FRAME,
     Recording,
     View,
     camera_recording,
+    even_stamps,
+    listed,
     with_truth,
 )
 
