@@ -87,7 +87,7 @@ def evaluate_poses(
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_absolute(errors),
+        **_statistics(errors, lateral_m=errors.lateral_m, longitudinal_m=errors.longitudinal_m),
         "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
@@ -165,22 +165,9 @@ def report_lines(judged: Judged) -> list[str]:
     return [*facts_as_lines(told), *filter(None, [describe_alignment(judged)])]
 
 
-def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    return _statistics(
-        translation_m=errors.translation_m,
-        rotation_deg=np.degrees(errors.rotation_rad),
-        lateral_m=errors.lateral_m,
-        longitudinal_m=errors.longitudinal_m,
-    )
-
-
 def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:
-    statistics = _statistics(
-        translation_m=errors.translation_m,
-        rotation_deg=np.degrees(errors.rotation_rad),
-        translation_percent=100 * errors.translation_m / errors.length_m,
-    )
-    return {"n": len(errors.length_m), "length_m": length_m, **statistics}
+    percent = 100 * errors.translation_m / errors.length_m
+    return {"n": len(errors.length_m), "length_m": length_m, **_statistics(errors, translation_percent=percent)}
 
 
 def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
@@ -191,9 +178,10 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
 
 
-def _statistics(**errors: Array) -> dict[str, Any]:
+def _statistics(errors: AbsoluteErrors | RelativeErrors, **others: Array) -> dict[str, Any]:
     """Return median, rmse, p95 and max of errors by name; None where there are none."""
-    found = {name: Statistics.of(values) for name, values in errors.items()}
+    values = {"translation_m": errors.translation_m, "rotation_deg": np.degrees(errors.rotation_rad)} | others
+    found = {name: Statistics.of(one) for name, one in values.items()}
     return {name: dataclasses.asdict(one) if one is not None else None for name, one in found.items()}
 
 

@@ -22,7 +22,7 @@ from sphere_nav.localization.status import Reason, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
-from sphere_nav.ros.bags.replay import OfflineBus, record, replay
+from sphere_nav.ros.bags.replay import OfflineBus, record, replay, required_topics
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.node import ManagedNode
@@ -85,12 +85,17 @@ def replay_localizer(
             )
             node.on_initial_pose(told)  # as the topic initialpose would
         finder.refuse_unread(wanted.topic for node in bus.nodes for wanted in node.inputs)
-        total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
-        bar = stack.enter_context(progress("localise", "msg", total=total))
-        published = replay(bag, bus, progress=bar.update)
+        published = replay_shown("localise", "msg", bag, bus)
         if arguments.bag:
             published = record(published, stack.enter_context(BagWriter(arguments.bag)), bus)
         yield from published
+
+
+def replay_shown(what: str, unit: str, bag: BagReader, bus: OfflineBus) -> Iterator[Recorded]:
+    """Play a bag to the nodes of a bus, shown by a bar; yield what they publish."""
+    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+    with progress(what, unit, total=total) as bar:
+        yield from replay(bag, bus, progress=bar.update)
 
 
 def summarize(poses: Trajectory, statuses: Sequence[Status]) -> dict[str, Any]:

@@ -14,15 +14,15 @@ from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
+from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.constants import IMU_NS, OFFLINE_DEADLINE_S
+from sphere_nav_tools.offline.constants import IMU_NS, PATIENCE_S
+from sphere_nav_tools.offline.localizing import replay_shown
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node, StitcherAhead
 from sphere_nav_tools.offline.mapping.workers import NUM_THREADS
-from sphere_nav_tools.offline.tables import progress
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
@@ -51,7 +51,7 @@ def stitcher_values(finder: TopicFinder, arguments: argparse.Namespace) -> Node:
     """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
     if arguments.rig is None:
         raise BagError(f"{finder.bag.path}: expected --rig with the rig file of its cameras, found none")
-    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | arguments.set_stitcher
+    values = {"sync.deadline_s": PATIENCE_S} | arguments.set_stitcher
     is_alone = arguments.jobs == 1 and not arguments.scheduler
     fixed = {"rig": str(arguments.rig.resolve()), "transport": "raw", "jobs": NUM_THREADS if is_alone else 1}
     return values | fixed, finder.find_rig(read_rig(arguments.rig).names).topics
@@ -72,10 +72,8 @@ def replay_mapper(
             hear_beginning(bag, node, recipe.remap.get("imu", ""))
             if recipe.pair is not None:
                 node.intake.stereo.use(recipe.pair)
-            total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
-            with progress("map", "message", total=total) as bar:
-                for _ in replay(bag, bus, progress=bar.update):
-                    pass
+            for _ in replay_shown("map", "message", bag, bus):
+                pass
         if stitching is not None:
             stitching.finish_open()
             while stitching.coming:

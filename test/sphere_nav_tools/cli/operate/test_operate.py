@@ -79,7 +79,7 @@ OLD, NEW = 1000.0, 0.0  # s since it was heard
     ids=["after", "before", "another"],
 )
 def test_an_old_status_does_not_confirm_a_new_command(monkeypatch, state, ages, told):
-    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 60.0 if told == "STANDS OPERATOR" else 0.2)
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.RECENT_S", 60.0 if told == "STANDS OPERATOR" else 0.2)
     link, heard = Link.__new__(Link), []
 
     def tell(name):

@@ -345,7 +345,7 @@ def test_stop_ends_a_mission_of_the_command_line_and_is_confirmed_where_follower
     assert yard[1].command("stop") == "stop: STOPPED"
     wait_until(ended.done)
     assert (ended.result().status, ended.result().result.reason) == (GoalStatus.STATUS_CANCELED, "canceled")
-    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.RECENT_S", 0.3)
     command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: yard[1].seen.mission == "DRIVING")
     navigator.does_cancel = False
