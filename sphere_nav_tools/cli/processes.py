@@ -24,7 +24,7 @@ from sphere_nav.ros.shared_files import node_entry
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 TAIL = 4096  # bytes of what was printed, in which the last line is looked for
-FOR_TESTS, FOR_DRIVES = range(1, 50), range(50, 100)  # 0 is everybody's; above 101 the ports are not reserved
+FOR_DRIVES = range(50, 100)  # 0 is everybody's, those between are for tests; above 101 the ports are not reserved
 _claims: list[int] = []  # descriptors of locked files: the kernel gives the domains free when the process ends
 
 

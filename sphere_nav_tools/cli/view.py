@@ -192,8 +192,8 @@ def put(client: Any, T_map_camera: SE3) -> None:
 def whereabouts(graph: SphereGraph, T_map_camera: SE3) -> str:
     """Return where a camera is, in words."""
     (node,), (x, y, z) = graph.nearest(T_map_camera.translation), T_map_camera.translation
-    ahead = T_map_camera.rotation[:, 2]
-    heading, away = np.degrees(np.arctan2(ahead[1], ahead[0])), T_map_camera.distance(node.T_map_sphere)[0]
+    heading = np.degrees((T_map_camera @ T_BODY_OPTICAL.inverse()).yaw)
+    away = T_map_camera.distance(node.T_map_sphere)[0]
     return f"x {x:.1f}, y {y:.1f}, z {z:.1f} m, looks {heading:.0f} deg; {away:.1f} m from key sphere {node.id}"
 
 

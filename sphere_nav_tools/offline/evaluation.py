@@ -120,12 +120,8 @@ def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
     if len(estimate) == 1:
         return False  # it fits whatever it is
     moved = estimate.moved(*align_trajectories(estimate, truth, "poses"))
-    raw, left = (
-        [float(np.median(values)) for values in one.T_map_body.distance(truth.T_map_body)] for one in (estimate, moved)
-    )
-    return any(
-        before > max(floor, OWN_FRAME_RATIO * after) for before, after, floor in zip(raw, left, OWN_FRAME, strict=True)
-    )
+    raw, left = (np.median(one.T_map_body.distance(truth.T_map_body), axis=1) for one in (estimate, moved))
+    return bool(np.any(raw > np.maximum(OWN_FRAME, OWN_FRAME_RATIO * left)))
 
 
 def describe_alignment(judged: Judged) -> str:

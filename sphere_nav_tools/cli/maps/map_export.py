@@ -161,9 +161,8 @@ def geojson(graph: SphereGraph, datum: Datum) -> str:
     places = {node.id: datum.locate(node.T_map_sphere) for node in graph}
     features: list[dict[str, Any]] = []
     for node in graph:
-        ahead = node.T_map_sphere.rotation[:2, 0]
-        heading = (datum.heading - np.degrees(np.arctan2(ahead[1], ahead[0]))) % 360.0
-        properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(float(heading), 3)}
+        heading = (datum.heading - float(np.degrees(node.T_map_sphere.yaw))) % 360.0
+        properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(heading, 3)}
         features.append(_feature("Point", places[node.id], properties))
     for edge in graph.edges:
         properties = {"from": edge.a, "to": edge.b, "loop": edge.is_loop}

@@ -26,8 +26,7 @@ from sphere_nav_tools.cli.gate import Address, WebPage
 from sphere_nav_tools.cli.operate.chart import Chart, ground_point
 from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
 from sphere_nav_tools.cli.operate.look import dressing
-from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.teaching import Teaching
+from sphere_nav_tools.cli.operate.teaching import SimulatedVehicle, Teaching
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, log_of
 from sphere_nav_tools.offline.routes import name_place, network_of, way_to
 

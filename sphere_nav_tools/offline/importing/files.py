@@ -56,8 +56,12 @@ def read_image(path: Path, mode: int = cv2.IMREAD_ANYCOLOR, kind: type = np.uint
 
 def read_rgb(path: Path) -> Bytes:
     """Return a grey (H, W) or RGB (H, W, 3) image."""
-    image = read_image(path)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
+    return rgb_of(read_image(path))
+
+
+def rgb_of(image: Bytes) -> Bytes:
+    """Return a grey image (H, W) as it is, one of BGR (H, W, 3) as RGB."""
+    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
 
 
 def read_meters(path: Path, units_per_m: float = 1000.0, far: float = np.nan) -> Floats:

@@ -36,6 +36,7 @@ from sphere_nav_tools.offline.importing.files import (
     read_rgb,
     require_folder,
     require_size,
+    rgb_of,
 )
 from sphere_nav_tools.offline.importing.recording import (
     CAMERA_FRAME,
@@ -154,8 +155,7 @@ def match_panoramas(top: Bytes, bottom: Bytes, baseline_m: float, stamp: int, *,
     search = disparities_of_ranges(window, baseline_m, params)
     disparity = match_columns(gray[0], gray[1], search, params, np.ones(gray[0].shape, np.bool_), 1)
     range_m, std_m = range_from_disparity(disparity, baseline_m, params)
-    image = cv2.cvtColor(top, cv2.COLOR_BGR2RGB).astype(np.uint8) if top.ndim == 3 else top
-    return Sphere(np.maximum(image, 1), range_m, window, stamp, std_m)
+    return Sphere(np.maximum(rgb_of(top), 1), range_m, window, stamp, std_m)
 
 
 def _read_panorama(picture: Picture) -> Bytes:

@@ -19,7 +19,7 @@ from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
-from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
+from sphere_nav_tools.cli.operate.teaching import SimulatedVehicle
 from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, log_of
 from sphere_nav_tools.offline.routes import network_of
 
