@@ -26,9 +26,9 @@ from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.files import read_meters, read_rgb, require_size
-from sphere_nav_tools.offline.mapping.drive import REMEDY
 from sphere_nav_tools.offline.mapping.stereo_drive import collect
 from sphere_nav_tools.offline.settings import add, floats, read_pose, read_positive
+from sphere_nav_tools.offline.tables import REMEDY
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 HELP = """\

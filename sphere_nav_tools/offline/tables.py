@@ -12,6 +12,9 @@ from tqdm import tqdm
 
 from sphere_nav_tools.offline.constants import EPOCHS_S
 
+# where images could not be registered
+REMEDY = "smaller steps between the images (slower, more a second), more range in them"
+
 
 def columns(rows: Iterable[Sequence[str | int]]) -> list[str]:
     """Return a line for each row, the cells of a column below each other: words at the left, numbers at the right."""

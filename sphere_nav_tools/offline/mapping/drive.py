@@ -30,8 +30,7 @@ from sphere_nav_tools.offline.evaluation import (
     trajectory_of,
 )
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-
-REMEDY = "smaller steps between the images (slower, more a second), more range in them"
+from sphere_nav_tools.offline.tables import REMEDY
 
 
 @dataclass(frozen=True, eq=False)
