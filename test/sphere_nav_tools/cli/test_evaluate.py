@@ -104,6 +104,8 @@ def test_frames_of_their_own_are_found_and_said(files, capsys):
         found = json.loads((files / "e.json").read_text())
         assert found["alignment"]["kind"] == ("poses" if is_own else "none")
         assert (found["translation_m"]["median"] < 1e-6) is is_own
+    turned = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp([0, 0, 0, 0, 0, 0.2]))  # on the vehicle: it stays
+    assert evaluate_poses(turned, TRUTH, alignment="auto").report["alignment"]["kind"] == "none"
 
 
 def line(num_poses=50, hertz=10.0):
