@@ -35,10 +35,10 @@ from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli import localize as localize_command
 from sphere_nav_tools.cli import mcl as mcl_command
+from sphere_nav_tools.cli.register import Registration, register_spheres
 from sphere_nav_tools.offline import evaluation, localizing, topics
 from sphere_nav_tools.offline.constants import DEFAULT_HZ
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera
-from sphere_nav_tools.offline.registering import Registration, register_spheres
+from sphere_nav_tools.offline.localizing import RecordedCamera
 
 CAMERAS = (Pinhole, Fisheye, Omni, DoubleSphere, Spherical)
 Kind = TypeVar("Kind")

@@ -52,9 +52,9 @@ def pytest_configure() -> None:
         pytest.exit(
             f"{different[0]}{more}: not as in the checkout; `make test` or `make env` installs it", returncode=2
         )
-    from sphere_nav_tools.cli.demo.domains import FOR_TESTS, claim_domain  # it is what is installed, as was seen
+    from sphere_nav_tools.cli.processes import FOR_DRIVES, claim_domain  # it is what is installed, as was seen
 
-    os.environ["ROS_DOMAIN_ID"] = str(claim_domain(FOR_TESTS))
+    os.environ["ROS_DOMAIN_ID"] = str(claim_domain(range(1, FOR_DRIVES.start)))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

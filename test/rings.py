@@ -20,7 +20,7 @@ MARGIN = 4.0  # kernels that a process loads first, garbage that it collects
 LOOP_S = 0.02  # CPU time of `loop` on a quiet core
 HANGS_S = {False: 120.0, True: 600.0}  # wall time after which a test of the first ring, or of another, hangs
 FIRST, OTHERS = "not slow and not dds", "slow or dds"  # what `make test` and `make test-slow` select
-LONGEST = ("mapping/test_extension", "offline/test_lessons", "system/test_chain", "mapping/test_killed")  # measured
+LONGEST = ("mapping/test_extension", "maps/test_map_learn", "system/test_chain", "mapping/test_killed")  # measured
 OF_A_FILE = re.compile(r"^pytestmark = .*\bpytest\.mark\.(slow|dds)\b", re.MULTILINE)
 OF_A_TEST = re.compile(r"\bpytest\.mark\.(slow|dds)\b")
 STARTED = pytest.StashKey[float]()

@@ -15,7 +15,7 @@ from benchmarks.abuse.zoo_bags import RIG, Exhibit, base_pose, exhibits, six_cam
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
+from sphere_nav_tools.cli.bags.inspect_ import CLOUD_FILE, MAP, RIG_FILE
 
 # What a user of so small images and so bare a room would add.
 FEWER_PIXELS = ("--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4")

@@ -14,7 +14,7 @@ from rig_calibration.boards import rejection
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
-from sphere_nav_tools.offline.board_images import detect_boards
+from sphere_nav_tools.cli.calibrate import detect_boards
 
 BOARD = Board("board", 9, 6, 0.1)
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)

@@ -23,7 +23,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry.arrays import Floats
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader, BagWriter
-from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.cli.demo.demo import read_truth
 
 DAY, NIGHT = (Drive(*one, 1, MAX_CLOUDS).parameters for one in ((1, ""), (2, "night_lamps")))
 LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}

@@ -37,8 +37,7 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell, record
 from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
-from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
-from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING, read_truth
 from sphere_nav_tools.offline.routes import map_id_of, read_network_of
 
 WAIT_NS = 30_000_000_000  # of simulated time until the car must know where it is

@@ -31,8 +31,7 @@ from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import stamp_ns
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
-from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION
-from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, read_truth
 
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
 STRAIGHT_M = 30.0  # of the shorter path of the simulator; the other has two turns

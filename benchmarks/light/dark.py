@@ -20,7 +20,7 @@ from benchmarks.light.relight import TITLE, Light, Room, in_kitchen, torch_light
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.evaluation import read_poses
 
 OFF = np.array([0.1, 0.0, 0.0, 0.0, 0.0, np.radians(5.0)])  # of the start, from the truth
 LIT = 12  # images until the light goes out

@@ -27,8 +27,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav_tools.offline.evaluation import evaluate_poses
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.evaluation import evaluate_poses, read_poses
 
 BLUR_PX = 12.0  # of the mean about which it is inverted, at 640 x 480
 NORMAL_PX = 4.0  # over which normals are smoothed: ranges are rough

@@ -19,8 +19,7 @@ from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.evaluation import align_at, evaluate_poses
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.evaluation import align_at, evaluate_poses, read_poses
 
 HELD_OUT, INTERLEAVED = (8.0, 0.4), (2.5, 0.1)  # mm, deg: medians
 NEES = 0.5, 2.0  # least and largest mean, over 6 degrees of freedom

@@ -5,15 +5,14 @@ drawn.
 """
 
 # The page of an operator (operate/test_operate, operate/test_page)
-ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
+ANSWER_S = 5.0  # to wait for the answer to a call
+RECENT_S = 2.0  # to wait for the state that shows that it was done; of pictures: wanted, new, told how many come
 STOP_ANSWER_S, LOAD_S = 1.0, 60.0  # the same for an emergency stop; to wait for a path or a map to be read
 WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
 PERIOD_S = 0.2  # between two looks at what was heard, and at who hears
-WANTED_S = 2.0  # since a page last wanted pictures, until none are sent
 ALIVE_S = 0.4  # within which a browser has to answer where the dead-man switch is on
 HELD_S, STRIDE_S = 0.25, 0.05  # since a held button was told of, until zero; between two such words, and commands
-NO_IMAGE_S, RATE_S = 3.0, 2.0  # without an image while a drive is recorded; over which their rate is told
-SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; of a navigator, which says it less often
+SILENT_S, SELDOM_S = 1.5, 3.0  # after which what a node said holds no more; a navigator says it less often, as images
 
 # Who is let in to a page (test_gate)
 MIN_TOKEN = 8  # characters

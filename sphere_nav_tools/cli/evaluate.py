@@ -11,10 +11,10 @@ from sphere_nav_tools.offline.evaluation import (
     ESTIMATE_TOPICS,
     TRUTH_TOPICS,
     evaluate_poses,
+    is_bag,
     read_trajectory,
     report_lines,
 )
-from sphere_nav_tools.offline.pose_bags import is_bag
 from sphere_nav_tools.offline.settings import PICTURES, FileAction, add, add_overwrite, choose, flag, read_positive
 from sphere_nav_tools.offline.tables import write_json
 

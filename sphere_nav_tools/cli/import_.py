@@ -12,11 +12,11 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
-from sphere_nav_tools.offline.importing.images import open_images
+from sphere_nav_tools.offline.importing.files import pinhole
+from sphere_nav_tools.offline.importing.images import open_images, open_spherical
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
-from sphere_nav_tools.offline.importing.spherical import open_spherical
 from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
 from sphere_nav_tools.offline.settings import add, choose, flag, floats, read_positive
 from sphere_nav_tools.offline.tables import progress
@@ -106,10 +106,14 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _seven_scenes(given: argparse.Namespace) -> Recording:
-    camera = kinect_camera(given.camera or LENSES["seven_scenes"])
-    depth = kinect_camera(LENSES["seven_scenes depth"]), SE3.from_planar(-0.025, 0.0, 0.0)  # T_color_depth
+    camera = _kinect(given, "seven_scenes")
+    depth = pinhole(KINECT_SIZE, LENSES["seven_scenes depth"]), SE3.from_planar(-0.025, 0.0, 0.0)  # T_color_depth
     is_truth_of_depth = given.truth_camera == "depth"
     return open_seven_scenes(given.folder, camera, depth, is_truth_of_depth=is_truth_of_depth, poses=given.poses)
+
+
+def _kinect(given: argparse.Namespace, name: str) -> Pinhole:
+    return pinhole(KINECT_SIZE, given.camera or LENSES[name])
 
 
 PLAIN: dict[str, Callable[[Path], Recording]] = {  # those that are a folder and nothing else
@@ -122,19 +126,13 @@ PLAIN: dict[str, Callable[[Path], Recording]] = {  # those that are a folder and
 }
 READERS: dict[str, Callable[[argparse.Namespace], Recording]] = {
     "seven_scenes": _seven_scenes,
-    "tum": lambda given: open_tum(given.folder, kinect_camera(given.camera or LENSES["tum"]), given.depth_units),
-    "rover": lambda given: open_rover(given.folder, kinect_camera(given.camera or LENSES["rover"])),
+    "tum": lambda given: open_tum(given.folder, _kinect(given, "tum"), given.depth_units),
+    "rover": lambda given: open_rover(given.folder, _kinect(given, "rover")),
     **dict.fromkeys(PLAIN, lambda given: PLAIN[given.format](given.folder)),
     "images": lambda given: open_images(
         given.folder, given.rig, given.camera, given.baseline, given.fps, is_panorama=given.panorama
     ),
 }
-
-
-def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
-    """Return a camera of a Kinect by its lens: fx, fy, cx, cy and the distortion."""
-    fx, fy, cx, cy, *distortion = lens
-    return Pinhole(*KINECT_SIZE, fx, fy, cx, cy, tuple(distortion))
 
 
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:

@@ -41,7 +41,7 @@ COMMANDS = {  # the module that carries it out, and what it does
     "map-export": ("maps.map_export", "write a map as point cloud, graph or trajectory"),
     "map-learn": ("maps.map_learn", "learn from the drives that were kept beside a map"),
     "route": ("route", "make a network of taught paths with named places, plan ways on it"),
-    "view": ("view.view", "look around in a map, in a web browser"),
+    "view": ("view", "look around in a map, in a web browser"),
     "evaluate": ("evaluate", "compare estimated poses with the truth"),
     "plot": ("plot", "draw what a localiser said: path, errors, states, timings"),
     "verify-bag": ("bags.verify_bag", "check every message of a bag, salvage a damaged one"),

@@ -13,10 +13,11 @@ from sphere_nav_tools.offline.evaluation import (
     TRUTH_TOPICS,
     describe_alignment,
     evaluate_poses,
+    find_topic,
+    read_poses,
     read_trajectory,
 )
 from sphere_nav_tools.offline.localizing import describe_states
-from sphere_nav_tools.offline.pose_bags import find_topic, read_poses
 from sphere_nav_tools.offline.settings import PICTURES, add, add_output, choose
 
 HELP = """\

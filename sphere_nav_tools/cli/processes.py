@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,6 +24,27 @@ from sphere_nav.ros.shared_files import node_entry
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 TAIL = 4096  # bytes of what was printed, in which the last line is looked for
+FOR_DRIVES = range(50, 100)  # 0 is everybody's, those between are for tests; above 101 the ports are not reserved
+_claims: list[int] = []  # descriptors of locked files: the kernel gives the domains free when the process ends
+
+
+def claim_domain(domains: Iterable[int] = FOR_DRIVES) -> int:
+    """Return a ROS domain that is this process's until it ends: a locked file stands for it.
+
+    No other demonstration and no test has it at the same time. RuntimeError where all of them are in use.
+    """
+    for domain in domains:
+        path = Path(tempfile.gettempdir(), f"sphere_nav_domain_{domain}.lock")
+        with suppress(OSError):  # locked by a process, or the file of another user who may still use it
+            claim = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(claim)
+                continue
+            _claims.append(claim)
+            return domain
+    raise RuntimeError(f"ROS domains: expected one of {domains} that is free, found all in use")
 
 
 def node_command(node: str, *words: str) -> list[str]:
@@ -35,13 +58,8 @@ def python_command(code: str, *words: str) -> list[str]:
 
 
 def start_command(start: NodeStart, folder: Path) -> list[str]:
-    """Return the command of a node as it is described; its parameters go into a file of a folder."""
-    return node_command(start.node, *ros_arguments(start, folder / f"{start.node}.yaml"))
-
-
-def ros_arguments(start: NodeStart, file: Path) -> list[str]:
-    """Return the words after a node's name; its parameters go into a file, the site's before it."""
-    values = {"/**": {"ros__parameters": dict(start.parameters)}}
+    """Return the command of a node as it is described; its parameters go into a file of a folder, the site's first."""
+    file, values = folder / f"{start.node}.yaml", {"/**": {"ros__parameters": dict(start.parameters)}}
     file.write_text(yaml.safe_dump(values), encoding="utf-8")
     words = ["--ros-args", *(["-r", f"__ns:=/{start.namespace}"] if start.namespace else [])]
     words += ["--enclave", start.enclave] if start.enclave else []
@@ -49,7 +67,7 @@ def ros_arguments(start: NodeStart, file: Path) -> list[str]:
         words += ["-r", f"{topic}:={target}"]
     for parameters in (start.site, str(file)):
         words += ["--params-file", parameters] if parameters else []
-    return words
+    return node_command(start.node, *words)
 
 
 class Processes:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 import numpy as np
 
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.files.foreign_rig import FRAMES, read_foreign_rig
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.settings import add, add_output, choose, read_positive, read_size
@@ -42,6 +42,5 @@ def run(arguments: argparse.Namespace) -> None:
     write_rig(arguments.output, rig)
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
-        ahead = part.T_rig_camera.rotation[:, 2]
-        yaw, pitch = np.degrees([math.atan2(ahead[1], ahead[0]), math.asin(float(np.clip(ahead[2], -1.0, 1.0)))])
-        print(f"{part.name}: {part.camera.model} at {position} m, looks {yaw:.1f}° to the left, {pitch:.1f}° up")
+        _, pitch, yaw = np.degrees((part.T_rig_camera @ T_BODY_OPTICAL.inverse()).angles)
+        print(f"{part.name}: {part.camera.model} at {position} m, looks {yaw:.1f}° to the left, {-pitch:.1f}° up")

@@ -9,6 +9,7 @@ import gc
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 
 from cycab_sim.warm_up import warm_up as warm_up_simulator
@@ -21,11 +22,6 @@ from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
 
 
-def warm_up_mcl_depth() -> None:
-    """With the parameters that are the default."""
-    warm_up_mcl(FilterParams())
-
-
 def warm_up_registration() -> None:
     """One after the other: kernels of view synthesis call those of registration."""
     photometric.warm_up()
@@ -33,7 +29,8 @@ def warm_up_registration() -> None:
     warm_up_headings()
 
 
-PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, warm_up_acquisition)  # the longest first
+# the longest first
+PARTS = (partial(warm_up_mcl, FilterParams()), warm_up_registration, warm_up_simulator, warm_up_acquisition)
 
 
 def main() -> int:

@@ -1,1 +1,1 @@
-"""What the commands do: recordings through the callbacks of the nodes, without an executor."""
+"""What several commands do: recordings through the callbacks of the nodes, without an executor."""

@@ -13,12 +13,12 @@ SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one ins
 NUM_PAIRED = 40  # messages of each of two cameras, within which two of one instant are looked for
 SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images
 NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
-OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
 MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
 # A drive of a rig (mapping/test_workers)
-AHEAD = 2  # instants stitched before the mapper has their spheres: always as many; odometry is kept for 2 s
+AHEAD = 2  # pieces a worker under way: one at work, one that waits; instants stitched before the mapper has theirs:
+# always as many; odometry is kept for 2 s
 
 # A rectified pair by its drive (mapping/test_drive)
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
@@ -33,15 +33,14 @@ SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach 
 # A survey against what was aligned (mapping/test_drive)
 SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey
 EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
-MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
 
 # A drive that is mapped or localised (mapping/test_drive, mapping/test_extension)
-MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
+MOST = 0.5  # share of the spheres, lost, above which a drive was not mapped; of the edges, above which no survey holds
 MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
-PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
+PATIENCE_S = 10.0  # of recording time: between spheres, which motion bridges; for images, late as they were written
 IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
 
-# Lessons of a drive (test_lessons)
+# Lessons of a drive (cli/maps/test_map_learn)
 NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
 TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
 MIN_MEASURED = 0.2  # of the pixels, for a key sphere

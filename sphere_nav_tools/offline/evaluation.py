@@ -1,16 +1,20 @@
-"""Estimated poses against true ones: paired by stamps, aligned, measured."""
+"""Trajectories of files and bags; estimated poses against true ones: paired by stamps, aligned, measured."""
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
     AbsoluteErrors,
@@ -22,7 +26,10 @@ from sphere_nav.geometry.trajectory_error import (
     nees,
     relative_errors,
 )
-from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.camera.odometry_input import is_truth
+from sphere_nav.ros.conversions import pose_to_se3, pose_with_covariance_to_se3, stamp_ns
+from sphere_nav.ros.interfaces import type_name
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
@@ -31,6 +38,13 @@ MAX_TRUTH_GAP_NS = 1_000_000_000  # between two true poses that tell one between
 AUTO = "auto"  # alignment: by poses where map and truth have frames of their own
 OWN_FRAME = (0.5, np.radians(5.0))  # m, rad that medians are off at least where frames differ, and this many times what
 OWN_FRAME_RATIO = 5.0  # is left once the poses are aligned; test_evaluation
+BAG_SUFFIXES = (".mcap", ".db3", ".bag")
+PoseReading = tuple[SE3, Array | None]  # a pose with its covariance (6, 6), where one is told
+READINGS: dict[str, Callable[[Any], PoseReading]] = {
+    type_name(PoseStamped): lambda message: (pose_to_se3(message.pose), None),
+    type_name(PoseWithCovarianceStamped): pose_with_covariance_to_se3,
+    type_name(Odometry): pose_with_covariance_to_se3,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +87,7 @@ def evaluate_poses(
     report = {
         "n": len(paired),
         "coverage": len(covered) / len(truth),
-        **_absolute(errors),
+        **_statistics(errors, lateral_m=errors.lateral_m, longitudinal_m=errors.longitudinal_m),
         "rpe": _relative(relative_errors(paired, paired_truth, rpe_length_m), rpe_length_m),
         "nees": _consistency(paired, paired_truth),
         "alignment": {
@@ -106,12 +120,8 @@ def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
     if len(estimate) == 1:
         return False  # it fits whatever it is
     moved = estimate.moved(*align_trajectories(estimate, truth, "poses"))
-    raw, left = (
-        [float(np.median(values)) for values in one.T_map_body.distance(truth.T_map_body)] for one in (estimate, moved)
-    )
-    return any(
-        before > max(floor, OWN_FRAME_RATIO * after) for before, after, floor in zip(raw, left, OWN_FRAME, strict=True)
-    )
+    raw, left = (np.median(one.T_map_body.distance(truth.T_map_body), axis=1) for one in (estimate, moved))
+    return bool(np.any(raw > np.maximum(OWN_FRAME, OWN_FRAME_RATIO * left)))
 
 
 def describe_alignment(judged: Judged) -> str:
@@ -151,22 +161,9 @@ def report_lines(judged: Judged) -> list[str]:
     return [*facts_as_lines(told), *filter(None, [describe_alignment(judged)])]
 
 
-def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
-    return _statistics(
-        translation_m=errors.translation_m,
-        rotation_deg=np.degrees(errors.rotation_rad),
-        lateral_m=errors.lateral_m,
-        longitudinal_m=errors.longitudinal_m,
-    )
-
-
 def _relative(errors: RelativeErrors, length_m: float) -> dict[str, Any]:
-    statistics = _statistics(
-        translation_m=errors.translation_m,
-        rotation_deg=np.degrees(errors.rotation_rad),
-        translation_percent=100 * errors.translation_m / errors.length_m,
-    )
-    return {"n": len(errors.length_m), "length_m": length_m, **statistics}
+    percent = 100 * errors.translation_m / errors.length_m
+    return {"n": len(errors.length_m), "length_m": length_m, **_statistics(errors, translation_percent=percent)}
 
 
 def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
@@ -177,12 +174,19 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
 
 
-def _statistics(**errors: Array) -> dict[str, Any]:
+def _statistics(errors: AbsoluteErrors | RelativeErrors, **others: Array) -> dict[str, Any]:
     """Return median, rmse, p95 and max of errors by name; None where there are none."""
-    found = {name: Statistics.of(values) for name, values in errors.items()}
+    values = {"translation_m": errors.translation_m, "rotation_deg": np.degrees(errors.rotation_rad)} | others
+    found = {name: Statistics.of(one) for name, one in values.items()}
     return {name: dataclasses.asdict(one) if one is not None else None for name, one in found.items()}
 
 
+def _spans(*trajectories: Trajectory) -> str:
+    ends = (t.stamps_ns[[0, -1]] / 1e9 if len(t) else None for t in trajectories)
+    return " against ".join("no poses" if span is None else f"{span[0]:.3f} ... {span[1]:.3f} s" for span in ends)
+
+
+# --- of files and bags
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:
     """Return poses of a TUM file or of the first usual topic of a bag; ValueError where there are none."""
     if is_bag(path):
@@ -194,6 +198,48 @@ def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Tr
     return read_tum(path)
 
 
-def _spans(*trajectories: Trajectory) -> str:
-    ends = (t.stamps_ns[[0, -1]] / 1e9 if len(t) else None for t in trajectories)
-    return " against ".join("no poses" if span is None else f"{span[0]:.3f} ... {span[1]:.3f} s" for span in ends)
+def trajectory_of(stamps: Sequence[int], poses: Sequence[SE3]) -> Trajectory:
+    """Return poses by their stamps in ns."""
+    matrices = np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4)
+    return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
+
+
+def sort_poses(poses: Mapping[int, PoseReading]) -> Trajectory:
+    """Return poses by their stamps, in the order of time; with covariances where all have one."""
+    chosen = [poses[stamp] for stamp in sorted(poses)]
+    found = trajectory_of(sorted(poses), [pose for pose, _ in chosen])
+    if not all(covariance is not None and np.any(covariance) for _, covariance in chosen):
+        return found
+    return replace(found, covariances=np.reshape([covariance for _, covariance in chosen], (-1, 6, 6)))
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path looks like a bag: a folder, or a file of one."""
+    return path.is_dir() or path.suffix in BAG_SUFFIXES
+
+
+def read_poses(path: Path, topics: Sequence[str]) -> Trajectory:
+    """Read what `find_topic` finds by `topics`, by the stamps of its headers; a repeated stamp counts once."""
+    with BagReader(path) as bag:
+        info = bag.require(find_topic(bag, topics) or topics[0])
+        if info.type not in READINGS:
+            raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
+        poses = {}
+        for _, _, message in bag.messages([info.name]):
+            stamp = stamp_ns(message)
+            with told_at(f"{path}: {info.name}: stamp {stamp / 1e9:.9f}", BagError):
+                poses[stamp] = READINGS[info.type](message)
+    return sort_poses(poses)
+
+
+def find_topic(bag: BagReader, names: Sequence[str]) -> str:
+    """Return the topic of poses that is, or ends as, the first name does, the shortest; no truth for an estimate.
+
+    Empty where there is none.
+    """
+    topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
+    for name in names:
+        for topic in sorted(topics, key=len):
+            if (topic == name or topic.endswith(f"/{name}")) and is_truth(topic) == is_truth(name):
+                return topic
+    return ""

@@ -1,4 +1,7 @@
-"""What the commands that localise a recording share: arguments, the replay through a node, the figures."""
+"""What the commands that localise a recording share: arguments, its camera, the replay through a node, the figures.
+
+Recordings with few images: a localiser must wait for the next one longer than behind a live camera.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +15,25 @@ from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.localization.params import InputParams
 from sphere_nav.localization.status import Reason, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
-from sphere_nav.ros.bags.replay import OfflineBus, record, replay
+from sphere_nav.ros.bags.replay import OfflineBus, record, replay, required_topics
+from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.pose_bags import PoseReading, sort_poses
-from sphere_nav_tools.offline.recorded_camera import patience
+from sphere_nav_tools.offline.constants import SILENT_PERIODS
+from sphere_nav_tools.offline.evaluation import PoseReading, sort_poses
 from sphere_nav_tools.offline.settings import FileAction, add, add_output, add_settings, read_pose
 from sphere_nav_tools.offline.tables import columns, progress, write_json
 from sphere_nav_tools.offline.topic_finder import TopicFinder
+
+TIMEOUT = "input.timeout_s"
 
 
 def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
@@ -77,12 +85,17 @@ def replay_localizer(
             )
             node.on_initial_pose(told)  # as the topic initialpose would
         finder.refuse_unread(wanted.topic for node in bus.nodes for wanted in node.inputs)
-        total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
-        bar = stack.enter_context(progress("localise", "msg", total=total))
-        published = replay(bag, bus, progress=bar.update)
+        published = replay_shown("localise", "msg", bag, bus)
         if arguments.bag:
             published = record(published, stack.enter_context(BagWriter(arguments.bag)), bus)
         yield from published
+
+
+def replay_shown(what: str, unit: str, bag: BagReader, bus: OfflineBus) -> Iterator[Recorded]:
+    """Play a bag to the nodes of a bus, shown by a bar; yield what they publish."""
+    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+    with progress(what, unit, total=total) as bar:
+        yield from replay(bag, bus, progress=bar.update)
 
 
 def summarize(poses: Trajectory, statuses: Sequence[Status]) -> dict[str, Any]:
@@ -131,3 +144,43 @@ def describe_states(statuses: Sequence[Status]) -> list[str]:
     if times := milliseconds(statuses):
         lines.append(f"time for an image: median {np.median(times):.1f} ms, p99 {np.percentile(times, 99):.1f} ms")
     return lines
+
+
+def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, float]:
+    """Return the time-out for the slowest of the topics with images, where the default is too short for it."""
+    wanted, default = set(images), InputParams().timeout_s
+    slowest_hz = min((s.rate_hz for s in streams if s.topic in wanted and s.count > 1), default=0.0)
+    if slowest_hz <= 0.0 or SILENT_PERIODS / slowest_hz <= default:
+        return {}
+    timeout_s = round(SILENT_PERIODS / slowest_hz, 3)
+    text = f"an image every {1.0 / slowest_hz:.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
+    logging.getLogger("sphere_nav.slow_camera").warning(text)
+    return {TIMEOUT: timeout_s}
+
+
+class RecordedCamera:
+    """Found by the options of `topics.add_options`; BagError where there is none.
+
+    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any,
+    `frames` are those of the bag.
+    """
+
+    def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
+        self._path = path
+        with BagReader(path) as bag:
+            finder = TopicFinder.of(bag, arguments)
+            self._topics = finder.odometry | finder.find(("image_raw", "camera_info")).topics
+            told = next(iter(bag.messages([self._topics["camera_info"]]))).message
+            info = conversions.as_rectified(
+                told, is_rectified=conversions.is_rectified_topic(self._topics["image_raw"])
+            )
+            self.frames, self.patience = finder.frames, patience(finder.streams, [self._topics["image_raw"]])
+        self.camera, self.frame_id = conversions.camera_from_info(info), str(info.header.frame_id)
+        self.odometry = self._topics.get("odom", "")
+
+    def images(self) -> Iterator[tuple[int, Bytes]]:
+        """Yield stamp in ns and image (H, W) grey or (H, W, 3) RGB, raw or compressed."""
+        levels = conversions.Levels()
+        with BagReader(self._path) as bag:
+            for _, _, message in bag.messages([self._topics["image_raw"]]):
+                yield conversions.stamp_ns(message), conversions.image_to_rgb(message, levels)

@@ -94,9 +94,8 @@ def drawn(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
 def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array] = {}) -> None:
     """Draw paths (N, 2) from above by name, the true one before the last, marked places, and where the last begins."""
     name, path = "", np.zeros((0, 2))
-    for name, path in lines.items():
-        is_last = len(axes.lines) == len(lines) - 1
-        style: dict[str, Any] = {"color": ESTIMATE, "lw": 1, "ms": 2} if is_last else {"color": TRUTH, "lw": 4, "ms": 0}
+    styles: tuple[dict[str, Any], ...] = ({"color": TRUTH, "lw": 4, "ms": 0}, {"color": ESTIMATE, "lw": 1, "ms": 2})
+    for (name, path), style in zip(lines.items(), styles[-len(lines) :], strict=False):
         axes.plot(*path.T, ".-", label=name, **style)
     for label, places in marks.items():
         axes.plot(*places.T, "o", color="C1", ms=4, label=label)

@@ -1,4 +1,4 @@
-"""Networks of taught paths for the command `route`: from files of drives, in words, as a picture."""
+"""Networks of taught paths, for the command `route` and a page: from files of drives, in words, as a picture."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from path_follower.path_files import read_drives, write_course
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.constants import MAX_TURN
 from path_follower.routes.network import Network, RouteEdge, Spot
-from path_follower.routes.network_file import write_network
-from path_follower.routes.planning import Route, make_course
+from path_follower.routes.network_file import network_path, read_network, write_network
+from path_follower.routes.planning import Route, make_course, plan
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
 from sphere_nav_tools.offline.tables import columns
 
+COURSE = "course.csv"  # a way that a page has made
 EDGE, WAY = "#1f77b4", "#d62728"
 CRUISE = FollowerParams().speed.cruise  # m/s, by which ways are compared
 
@@ -43,6 +44,15 @@ def read_network_of(files: Sequence[Path], map_id: str, *, is_reversible: bool =
     return build_network(drives, map_id)
 
 
+def network_of(made: Path, taught: Path | None) -> Network:
+    """Return the network of a map; or that of the drive that it was made of. ValueError for neither."""
+    if network_path(made).exists():
+        return read_network(network_path(made))
+    if taught is None:
+        raise ValueError("places: expected a map with a taught path, found none: sphere_nav route build makes one")
+    return read_network_of([taught], map_id_of(made))
+
+
 def find_spot(network: Network, x: float, y: float, *yaw: float) -> Spot:
     """Return the spot of a network that is closest to a position, and heads as asked for; ValueError where none is."""
     heading, max_turn = (yaw[0], MAX_TURN) if yaw else (0.0, np.inf)
@@ -64,6 +74,13 @@ def write_way(file: Path, network: Network, route: Route) -> int:
     points = make_course(network, route)
     write_course(file, points, network.map_id, VehicleParams().max_speed)
     return len(points)
+
+
+def way_to(network: Network, pose: Sequence[float], goal: Sequence[float], folder: Path) -> Path:
+    """Write the way from a pose to the closest point of the network, and return the file; ValueError for no way."""
+    begin, end = find_spot(network, *pose), find_spot(network, *goal)
+    write_way(folder / COURSE, network, plan(network, [begin], [end], cruise=CRUISE))
+    return folder / COURSE
 
 
 def describe(network: Network) -> list[str]:

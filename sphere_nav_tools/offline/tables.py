@@ -12,6 +12,9 @@ from tqdm import tqdm
 
 from sphere_nav_tools.offline.constants import EPOCHS_S
 
+# where images could not be registered
+REMEDY = "smaller steps between the images (slower, more a second), more range in them"
+
 
 def columns(rows: Iterable[Sequence[str | int]]) -> list[str]:
     """Return a line for each row, the cells of a column below each other: words at the left, numbers at the right."""
@@ -24,10 +27,8 @@ def facts_as_lines(facts: Mapping[str, Any]) -> list[str]:
     """Return facts by name as one reads them, a line each; what has several parts with names, a line for each part."""
     rows = []
     for name, value in facts.items():
-        if isinstance(value, list) and value and isinstance(value[0], Mapping):
-            rows += [(name, _in_words(name, part)) for part in value]
-        else:
-            rows.append((name, _in_words(name, value)))
+        has_parts = isinstance(value, list) and value and isinstance(value[0], Mapping)
+        rows += [(name, _in_words(name, part)) for part in (value if has_parts else [value])]
     return columns(rows)
 
 

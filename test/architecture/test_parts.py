@@ -121,9 +121,6 @@ TESTED_ELSEWHERE = {
     "constants.py": "test/architecture/test_parts.py",  # judged by the tests of what uses them
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
     "learning.py": "test/sphere_nav_tools/cli/maps/test_map.py",  # what `map` does
-    "sphere_source.py": "test/sphere_nav_tools/cli/maps/test_map.py",  # of `register`
-    "pose_bags.py": "test/sphere_nav_tools/cli/test_evaluate.py",
-    "map_learn.py": "test/sphere_nav_tools/offline/test_lessons.py",
     "map_verify.py": "test/sphere_nav_tools/cli/maps/test_map.py",
     "register.py": "test/sphere_nav_tools/cli/maps/test_map.py",
 }

@@ -14,7 +14,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.bags import BagReader
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.evaluation import read_poses
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
 

@@ -92,9 +92,10 @@ class PageClient:
         self.wait_for(f"\n{label}\n")
         self.forge(self.find(label), value)
 
-    def click(self, label):
-        """Click a button."""
+    def click(self, label, told=""):
+        """Click a button, and wait until something can be read."""
         self.set(label, True)
+        self.wait_for(told)
 
     def hold(self, label):
         """Say once that a button is held."""

@@ -1,1 +1,1 @@
-"""What `sphere_nav demo` is made of: processes, a watch over the drives, and the report."""
+"""What `sphere_nav demo` is made of: the stages, and a watch over the drives."""

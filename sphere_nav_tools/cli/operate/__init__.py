@@ -1,1 +1,1 @@
-"""The operator's page: `link.py` speaks with the nodes, `teaching.py` records and maps, `page.py` shows it all."""
+"""The operator's page: `link.py` speaks with the nodes, `teaching.py` runs recorder and mapper, `page.py` shows all."""

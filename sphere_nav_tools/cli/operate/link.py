@@ -39,15 +39,13 @@ from sphere_nav.ros.node import ThrottledLog
 from sphere_nav.ros.subscription import full_name
 from sphere_nav_tools.cli.constants import (
     ANSWER_S,
-    CONFIRMED_S,
     HELD_S,
     LOAD_S,
     LOOK_S,
-    NO_IMAGE_S,
-    RATE_S,
+    RECENT_S,
+    SELDOM_S,
     STOP_ANSWER_S,
     STRIDE_S,
-    WANTED_S,
     WITHDRAW_S,
 )
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, by_buttons, places_of
@@ -124,7 +122,7 @@ class Link:
 
     def _watch(self) -> None:
         now, hear = time.monotonic(), self.seen.hear
-        is_wanted = now - self._wanted_at < WANTED_S
+        is_wanted = now - self._wanted_at < RECENT_S
         if is_wanted and not self._pictures:
             kind = CompressedImage if self._image_topic.endswith("/compressed") else Image
             self._watched_at, subscribe = now, self.node.create_subscription
@@ -143,15 +141,15 @@ class Link:
         """Return how many images come in a second, or since when there is none."""
         now, (_, age) = time.monotonic(), self.seen.told("image")
         age = min(age, now - self._watched_at)
-        if age > NO_IMAGE_S:
+        if age > SELDOM_S:
             return f"NO IMAGE on {self._image_topic} for {age:.0f} s: check the camera"
-        return f"{sum(now - at < RATE_S for at in self._image_times) / RATE_S:.1f} images/s"
+        return f"{sum(now - at < RECENT_S for at in self._image_times) / RECENT_S:.1f} images/s"
 
     def picture(self, name: str) -> Any:
         """Return the newest `image` or `residual` as grey levels (H, W); None while there is none, or it is broken."""
         message, age = self.seen.told(name)
         try:
-            return read_gray(message) if message is not None and age < CONFIRMED_S else None
+            return read_gray(message) if message is not None and age < RECENT_S else None
         except ValueError:
             return None
 
@@ -352,6 +350,6 @@ class Link:
     def _until(self, find: Callable[[], Found]) -> Found:
         """Wait until something is found, and return it; nothing when the time is over."""
         begin = time.monotonic()
-        while not (found := find()) and time.monotonic() - begin < CONFIRMED_S:
+        while not (found := find()) and time.monotonic() - begin < RECENT_S:
             time.sleep(LOOK_S)
         return found

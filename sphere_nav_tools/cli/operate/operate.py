@@ -12,8 +12,7 @@ from pathlib import Path
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import OperatorPage
-from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.teaching import Teaching
+from sphere_nav_tools.cli.operate.teaching import SimulatedVehicle, Teaching
 from sphere_nav_tools.offline.settings import add, flag
 
 HELP = """\

@@ -19,16 +19,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from path_follower.routes.network_file import network_path
 from sphere_nav.spheres.sphere import to_rgb
 from sphere_nav_tools.cli.constants import ALIVE_S, PERIOD_S, SILENT_S, STRIDE_S
 from sphere_nav_tools.cli.gate import Address, WebPage
 from sphere_nav_tools.cli.operate.chart import Chart, ground_point
 from sphere_nav_tools.cli.operate.link import GOES_ON, LOAD_MAP, LOAD_PATH, Link
 from sphere_nav_tools.cli.operate.look import dressing
-from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
-from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
-from sphere_nav_tools.cli.operate.teaching import Teaching
+from sphere_nav_tools.cli.operate.teaching import SimulatedVehicle, Teaching
 from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, Place, banner, log_of
+from sphere_nav_tools.offline.routes import name_place, network_of, way_to
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
@@ -230,8 +230,10 @@ class Desk:
 
     def _name_place(self) -> str:
         made, taught = self._in_use()
-        self.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked_at()))
-        told = f"place {self._new_place.value}: kept in {made.name}"
+        name, file = self._new_place.value, network_path(made)
+        named = name_place(file, network_of(made, taught), name, *self._clicked_at())
+        self.seen.hear("places", [Place(place, *named.nodes[node][:2]) for place, node in named.places.items()])
+        told = f"place {name}: kept in {made.name}"
         if self.page.simulated:
             self.page.simulated.guide(made)
         elif self.link.has_navigator:

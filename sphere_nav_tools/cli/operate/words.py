@@ -14,7 +14,7 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.files.untrusted import load_json
-from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
+from sphere_nav_tools.cli.constants import SELDOM_S, SILENT_S
 
 MAX_TOLD = 50  # lines of the log
 MAX_DRAWN = 2000  # points of a line on the map
@@ -75,7 +75,7 @@ class Heard:
     def mission(self) -> str:
         """State of the mission; IDLE where no navigator tells of one."""
         mission, age = self.told("mission")
-        return mission.state if age < MISSION_S else "IDLE"
+        return mission.state if age < SELDOM_S else "IDLE"
 
     @property
     def placed(self) -> str:

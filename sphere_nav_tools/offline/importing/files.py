@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry.arrays import Array, Bytes, Floats, Size
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import (
     MAX_NUMBER,
@@ -33,6 +33,12 @@ class Matrix:
     data: tuple[float, ...]
 
 
+def pinhole(size: Size, lens: tuple[float, ...]) -> Pinhole:
+    """Return the camera of a size (width, height) by its lens: fx, fy, cx, cy and the distortion."""
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(*size, fx, fy, cx, cy, tuple(distortion))
+
+
 def require_size(where: object, pixels: NDArray[Any], camera: Camera) -> None:
     """Raise ValueError where an image is not of the size of its camera."""
     if pixels.shape[1::-1] != (camera.width, camera.height):
@@ -50,8 +56,12 @@ def read_image(path: Path, mode: int = cv2.IMREAD_ANYCOLOR, kind: type = np.uint
 
 def read_rgb(path: Path) -> Bytes:
     """Return a grey (H, W) or RGB (H, W, 3) image."""
-    image = read_image(path)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
+    return rgb_of(read_image(path))
+
+
+def rgb_of(image: Bytes) -> Bytes:
+    """Return a grey image (H, W) as it is, one of BGR (H, W, 3) as RGB."""
+    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
 
 
 def read_meters(path: Path, units_per_m: float = 1000.0, far: float = np.nan) -> Floats:

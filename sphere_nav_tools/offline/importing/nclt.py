@@ -23,11 +23,12 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.constants import MAX_POSE_GAP_NS
 from sphere_nav_tools.offline.importing.files import read_image, read_numbers, require_folder, trajectory
-from sphere_nav_tools.offline.importing.frames import Pictures, of_folder
 from sphere_nav_tools.offline.importing.recording import (
     RIG_FRAME,
+    Pictures,
     Recording,
     camera_recording,
+    of_folder,
     rig_views,
     with_truth,
 )

@@ -15,6 +15,7 @@ from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_as, require
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.evaluation import trajectory_of
 from sphere_nav_tools.offline.importing.files import (
     Matrix,
     pose_of_matrix,
@@ -27,15 +28,16 @@ from sphere_nav_tools.offline.importing.files import (
     require_size,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed
 from sphere_nav_tools.offline.importing.recording import (
+    FIRST_STAMP_NS,
     OPTICAL_FRAME,
     Recording,
     View,
     camera_recording,
+    even_stamps,
+    listed,
     with_truth,
 )
-from sphere_nav_tools.offline.pose_bags import trajectory_of
 
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
@@ -111,10 +113,11 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
-    stamps = {name: FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ) for index, name in enumerate(("prev", "curr"))}
-    colors, depths = ([(stamps[n], folder / f"{kind}_{n}.png") for n in stamps] for kind in ("img", "dep"))
-    paths = [folder / f"pose_{name}.txt" for name in stamps]
-    truth = trajectory_of([*stamps.values()], [pose_of_row(read_numbers(path, 7)[0], path) for path in paths])
+    stamps, names = even_stamps(2, KINECT_HZ), ("prev", "curr")
+    files = ([folder / f"{kind}_{name}.png" for name in names] for kind in ("img", "dep"))
+    colors, depths = ([*zip(stamps, found, strict=True)] for found in files)
+    paths = [folder / f"pose_{name}.txt" for name in names]
+    truth = trajectory_of(stamps, [pose_of_row(read_numbers(path, 7)[0], path) for path in paths])
     return with_truth(_rgbd(colors, depths, camera, depth_units), "pose_prev.txt, pose_curr.txt", truth)
 
 

@@ -33,10 +33,12 @@ from sphere_nav_tools.offline.importing.files import (
     trajectory,
     whole,
 )
-from sphere_nav_tools.offline.importing.frames import FIRST_STAMP_NS, listed, of_folder
 from sphere_nav_tools.offline.importing.recording import (
+    FIRST_STAMP_NS,
     Recording,
     camera_recording,
+    listed,
+    of_folder,
     pair_views,
     with_truth,
 )

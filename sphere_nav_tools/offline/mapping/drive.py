@@ -20,16 +20,17 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.offline.constants import (
-    EDGE_FACTOR,
-    MAX_CONTRADICTED,
-    MAX_LOST,
-    SURVEY_SIGMA,
+from sphere_nav_tools.offline.constants import EDGE_FACTOR, MOST, SURVEY_SIGMA
+from sphere_nav_tools.offline.evaluation import (
+    MAX_TRUTH_GAP_NS,
+    TRUTH_TOPICS,
+    align_at,
+    find_topic,
+    read_poses,
+    trajectory_of,
 )
-from sphere_nav_tools.offline.evaluation import MAX_TRUTH_GAP_NS, TRUTH_TOPICS, align_at
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
-from sphere_nav_tools.offline.pose_bags import find_topic, read_poses, trajectory_of
-from sphere_nav_tools.offline.registering import REMEDY
+from sphere_nav_tools.offline.tables import REMEDY
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class MappedDrive:
     def loss(self) -> str:
         """One line where most spheres were lost and what would help, else nothing."""
         total = self.num_lost + len(self.mapper.tracks)
-        if self.num_lost <= MAX_LOST * total:
+        if self.num_lost <= MOST * total:
             return ""
         return (
             f"expected most of {total} spheres placed, found {self.num_lost} lost ({self.num_lost / total:.0%}): "
@@ -132,7 +133,7 @@ def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: Path) -> l
         return []
     worst = max(wrong)[1]
     what = f"{len(wrong)} of {len(aligned.edges)} motions between key spheres contradict the survey, {worst} at worst"
-    if len(wrong) > MAX_CONTRADICTED * len(aligned.edges):
+    if len(wrong) > MOST * len(aligned.edges):
         raise BagError(f"{source}: expected surveyed poses that agree with the images, found {what}")
     return [f"warning: {what}"]
 

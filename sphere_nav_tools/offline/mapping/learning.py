@@ -11,14 +11,17 @@ import argparse
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from functools import partial
 from itertools import chain
 from typing import cast
 
+from sphere_mapping.experiences.budget import describe_loss, thin
+from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.saving import details_of
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.bags import BagError
@@ -28,13 +31,16 @@ from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.maps.writer import MAP_FRAME, MapWriter, Stored, check_free, write_stored
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
-from sphere_nav.spheres.graph import Experience
+from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav_tools.offline.mapping.drive import MappedDrive
-from sphere_nav_tools.offline.mapping.drive_locator import LocatedMapper, drive_localizer
-from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
-from sphere_nav_tools.offline.mapping.plan import make_recipe
-from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
-from sphere_nav_tools.offline.mapping.thinning import thin_map
+from sphere_nav_tools.offline.mapping.extension import (
+    LocatedMapper,
+    drive_localizer,
+    extend,
+    open_base,
+    place_start,
+)
+from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, make_recipe, replay_mapper
 from sphere_nav_tools.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 
 DRIVE = ".drive"  # after the name of the map: where a drive is written as it is mapped
@@ -112,6 +118,30 @@ def finish_map(arguments: argparse.Namespace, drive: MappedDrive, mapped: MapRea
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0
+
+
+def thin_map(
+    mapper: Mapper,
+    known: MapReader | None,
+    budget: int | None,
+    graph: SphereGraph,
+    positions: Array,
+    new: Collection[int],
+) -> tuple[SphereGraph, list[str]]:
+    """Return the graph that is written, and what is told of what it goes without.
+
+    known: the map that the drive extends; budget: experiences that a place may hold; positions (P, 3): of all spheres
+    of the drive; new: key spheres that show what the map did not.
+    """
+    told, kept = list[str](), graph
+    if mapper.params.key.merge:
+        kept = merge(graph, positions, known.graph.nodes if known is not None else (), new)
+        told += describe_loss(graph, kept, "merged with others of their places")
+    if budget is not None:
+        merged, is_whole = kept, mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
+        kept = thin(merged, budget, is_whole=is_whole)
+        told += describe_loss(merged, kept, "left for the budget")
+    return kept, told
 
 
 def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experience:

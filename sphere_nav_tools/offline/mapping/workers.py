@@ -14,38 +14,33 @@ from typing import Any, Self
 import cv2
 
 from sphere_mapping.graph.verification import run_in
+from sphere_nav_tools.offline.constants import AHEAD
 
 NUM_THREADS = 2  # of the process that registers one sphere after the other
-AHEAD = 2  # pieces a worker that are under way: one at work, one that waits
 CONNECT_S = 20.0
 
 
 class Workers:
     """`jobs` processes, made with the first piece of work; or the workers of the cluster at the address `scheduler`.
 
-    `executor` is None where all is done in this process.
+    `executor` does the work; it is None where all is done in this process.
     """
 
     def __init__(self, jobs: int = 1, scheduler: str = "") -> None:
         """ValueError where there is no cluster at the address, or Dask is not installed."""
         self._jobs, self._client = jobs, connect(scheduler) if scheduler else None
-        self._executor: Executor | None = None
+        self.executor: Executor | None = None
+        if self._client is not None:
+            self.executor = self._client.get_executor(pure=False)
+        elif jobs > 1:
+            context = get_context("spawn")  # a fork would inherit half of the threads
+            self.executor = ProcessPoolExecutor(jobs, context, begin_worker)
 
     @property
     def num_ahead(self) -> int:
         """Pieces that are under way at once."""
         number = len(self._client.scheduler_info()["workers"]) if self._client is not None else self._jobs
         return AHEAD * max(number, 1)
-
-    @property
-    def executor(self) -> Executor | None:
-        """What does the work."""
-        if self._executor is None and self._client is not None:
-            self._executor = self._client.get_executor(pure=False)
-        elif self._executor is None and self._jobs > 1:
-            context = get_context("spawn")  # a fork would inherit half of the threads
-            self._executor = ProcessPoolExecutor(self._jobs, context, begin_worker)
-        return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
         """Yield the answers to all questions, in order."""
@@ -65,10 +60,10 @@ class Workers:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """OSError where workers or their cluster are gone: killed for want of memory, or not answering any more."""
-        if isinstance(self._executor, ProcessPoolExecutor):
-            for worker in list((self._executor._processes or {}).values()) if kind is not None else ():
+        if isinstance(self.executor, ProcessPoolExecutor):
+            for worker in list((self.executor._processes or {}).values()) if kind is not None else ():
                 worker.terminate()  # what it works on is of no use any more
-            self._executor.shutdown(cancel_futures=True)
+            self.executor.shutdown(cancel_futures=True)
         if self._client is not None:  # which has no such shutdown; what is not begun is forgotten with it
             self._client.close()
         if isinstance(error, self._lost()):

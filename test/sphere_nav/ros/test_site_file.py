@@ -10,7 +10,7 @@ from path_follower.ros.control import ControlLoop
 from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER
 from sphere_nav.ros.shared_files import share_file
 from sphere_nav.ros.site_file import check_rules, check_site_file
-from sphere_nav_tools.cli.processes import ros_arguments
+from sphere_nav_tools.cli.processes import start_command
 
 NODES = tuple(RESTART_AFTER)
 
@@ -104,5 +104,5 @@ def test_what_compositions_rename_is_known_to_whom_it_is_given(name, tmp_path):
     topics = {key: f"/x/{key}" for key in ("image", "info", "odom", "scan", "cmd_vel", "other", "path")}
     given = {key: value for key, value in (MANY | topics | {"namespace": "car2"}).items() if key in known}
     for start in COMPOSITIONS[name].starts(given):
-        words = ros_arguments(start, tmp_path / "values.yaml")
+        words = start_command(start, tmp_path)
         assert check_rules(words, start.node, start.node, f"/{start.namespace}", {}) == []

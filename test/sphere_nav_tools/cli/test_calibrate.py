@@ -10,8 +10,8 @@ from rig_calibration.boards.board import Board
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav_tools.cli.calibrate import find_images
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.board_images import find_images
 from worlds.boards import BoardWorld
 
 NUM_INSTANTS = 12

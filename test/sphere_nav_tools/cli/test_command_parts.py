@@ -13,9 +13,8 @@ from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.cli import refine_camera as command
+from sphere_nav_tools.cli import refine_camera
 from sphere_nav_tools.cli.maps import map_export, map_info
-from sphere_nav_tools.offline import refine_camera
 from sphere_nav_tools.offline.tables import facts_as_lines
 
 SECOND = 10**9
@@ -111,7 +110,7 @@ def test_a_refined_lens_is_read_by_ros_as_it_was_found():
     assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
     assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
     assert found["held_out"] == {"evidence": 9.5, "limit": 4.25, "moved_px": 2.5, "apart_px": 0.5}
-    lines = list(command.report_camera(proven(("cx",))))
+    lines = list(refine_camera.report_camera(proven(("cx",))))
     assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels"
     assert lines[3].split()[:6] == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED"]
     assert lines[-2].startswith("held-out halves of the drive: t 9.5 for it, more than 4.2 is proof")

@@ -10,8 +10,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline.evaluation import evaluate_poses
-from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.evaluation import evaluate_poses, trajectory_of
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -105,6 +104,8 @@ def test_frames_of_their_own_are_found_and_said(files, capsys):
         found = json.loads((files / "e.json").read_text())
         assert found["alignment"]["kind"] == ("poses" if is_own else "none")
         assert (found["translation_m"]["median"] < 1e-6) is is_own
+    turned = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp([0, 0, 0, 0, 0, 0.2]))  # on the vehicle: it stays
+    assert evaluate_poses(turned, TRUTH, alignment="auto").report["alignment"]["kind"] == "none"
 
 
 def line(num_poses=50, hertz=10.0):

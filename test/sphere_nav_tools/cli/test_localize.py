@@ -30,8 +30,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.localizing import write_poses
-from sphere_nav_tools.offline.recorded_camera import RecordedCamera, patience
+from sphere_nav_tools.offline.localizing import RecordedCamera, patience, write_poses
 from sphere_nav_tools.offline.settings import read_pose
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, picture, wide_map
 

@@ -8,7 +8,7 @@ from sphere_nav.geometry.trajectory import read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav_tools.offline import plot_figure
-from sphere_nav_tools.offline.pose_bags import trajectory_of
+from sphere_nav_tools.offline.evaluation import trajectory_of
 from worlds.commands import call
 from worlds.recordings import write_bag
 

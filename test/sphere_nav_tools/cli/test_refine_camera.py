@@ -16,10 +16,10 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.cli import refine_camera
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline import refine_camera
-from sphere_nav_tools.offline.pose_bags import trajectory_of
-from sphere_nav_tools.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
+from sphere_nav_tools.cli.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
+from sphere_nav_tools.offline.evaluation import trajectory_of
 from worlds.localizer import STEP_NS, at, make_map
 from worlds.room import wide_room
 

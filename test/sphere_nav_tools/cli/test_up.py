@@ -13,7 +13,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.cli.processes import Processes, ros_arguments
+from sphere_nav_tools.cli.processes import Processes, start_command
 from sphere_nav_tools.cli.up import watch
 from worlds.localizer import make_map
 from worlds.patience import Patience
@@ -25,12 +25,12 @@ NODES = ("dense_localizer", "path_follower")
 
 def test_a_node_gets_its_words(tmp_path):
     start = NodeStart("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml", "/car2/mcl_depth")
-    words = ros_arguments(start, tmp_path / "0.yaml")
+    words = start_command(start, tmp_path)[4:]
     assert words[:3] == ["--ros-args", "-r", "__ns:=/car2"]
     assert words[3:5] == ["--enclave", "/car2/mcl_depth"]
     assert words[5:7] == ["-r", "odom:=wheels"]
-    assert words[7:] == ["--params-file", "site.yaml", "--params-file", str(tmp_path / "0.yaml")]
-    assert "cloud: a.ply" in (tmp_path / "0.yaml").read_text()
+    assert words[7:] == ["--params-file", "site.yaml", "--params-file", str(tmp_path / "mcl_depth.yaml")]
+    assert "cloud: a.ply" in (tmp_path / "mcl_depth.yaml").read_text()
 
 
 def up(*words):

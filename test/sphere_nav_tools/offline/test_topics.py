@@ -13,8 +13,8 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import ODOMETRY, SPHERE_INFO, Stream
 from sphere_nav.ros.conversions import header, se3_to_transform
 from sphere_nav.ros.tf import TransformTree
-from sphere_nav_tools.offline import offers
-from sphere_nav_tools.offline.offers import find_offer, odometry_of
+from sphere_nav_tools.cli.bags import inspect_
+from sphere_nav_tools.cli.bags.inspect_ import find_offer, odometry_of
 from sphere_nav_tools.offline.topics import add_options, camera_names, options_of
 from worlds.streams import camera, finder_of, image
 
@@ -74,7 +74,7 @@ def test_a_rig_is_mapped_by_the_names_of_its_cameras():
 
 
 def test_a_rig_file_says_which_cameras_there_are(monkeypatch):
-    monkeypatch.setattr(offers, "read_rig", lambda path: SimpleNamespace(names=("left", "top")))
+    monkeypatch.setattr(inspect_, "read_rig", lambda path: SimpleNamespace(names=("left", "top")))
     found = find_offer("map", finder_of(RIG[1:2]), Path("six.yaml"))
     assert found.command[-3:] == ["--rig", "six.yaml", "--camera=left=/left/image_raw"]
     assert found.note.endswith("without top")

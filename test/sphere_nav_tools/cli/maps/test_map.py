@@ -16,7 +16,7 @@ from sphere_nav.geometry.trajectory import read_map_id, read_tum
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import header
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
+from sphere_nav_tools.cli.register import describe_refusal, register_spheres
 from worlds.commands import call
 from worlds.localizer import make_map
 from worlds.recordings import (

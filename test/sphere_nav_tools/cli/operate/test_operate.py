@@ -19,9 +19,9 @@ from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
-from sphere_nav_tools.cli.operate.places import network_of
-from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
+from sphere_nav_tools.cli.operate.teaching import SimulatedVehicle
 from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, log_of
+from sphere_nav_tools.offline.routes import network_of
 
 
 def test_without_viser_it_says_what_to_type(monkeypatch, capsys):
@@ -79,7 +79,7 @@ OLD, NEW = 1000.0, 0.0  # s since it was heard
     ids=["after", "before", "another"],
 )
 def test_an_old_status_does_not_confirm_a_new_command(monkeypatch, state, ages, told):
-    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 60.0 if told == "STANDS OPERATOR" else 0.2)
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.RECENT_S", 60.0 if told == "STANDS OPERATOR" else 0.2)
     link, heard = Link.__new__(Link), []
 
     def tell(name):

@@ -148,19 +148,15 @@ def ask_to_stop(yard):
 
 def test_commands_are_confirmed_by_the_node(follower, enter):
     page = enter()
-    page.click("load path")
-    page.wait_for("loop.csv: loaded")
+    page.click("load path", "loop.csv: loaded")
     assert follower.loaded[-1].endswith("/loop.csv")
     for name, state in (("start", "DRIVING"), ("pause", "PAUSED"), ("resume", "DRIVING"), ("stop", "STOPPED")):
-        page.click(name)
-        page.wait_for(f"{name}: {state}")
+        page.click(name, f"{name}: {state}")
         assert follower.state == state
     assert "&lt;b&gt;see&lt;/b&gt; the log" in page.text()  # what a node says is text
     follower.refusal = "OFF_PATH: 3 m, limit 1"
-    page.click("start")
-    page.wait_for("NOT DONE: start: OFF_PATH: 3 m, limit 1")  # at the buttons, until the next one is pressed
-    page.click("make the way there")
-    page.wait_for("expected one of route_navigator, found none")
+    page.click("start", "NOT DONE: start: OFF_PATH: 3 m, limit 1")  # at the buttons, until the next one is pressed
+    page.click("make the way there", "expected one of route_navigator, found none")
 
 
 def test_a_page_that_is_closed_or_reloaded_changes_nothing_and_two_pages_see_the_same(follower, enter):
@@ -181,8 +177,7 @@ def test_with_the_dead_mans_switch_a_lost_page_presses_the_emergency_stop_within
     yard, follower, enter, is_silent
 ):
     page = enter()
-    page.click("start")
-    page.wait_for("start: DRIVING")
+    page.click("start", "start: DRIVING")
     page.set(SWITCH, True)
     page.error = "this browser keeps nothing"  # an answer, too
     time.sleep(1.0)
@@ -228,8 +223,7 @@ def test_by_hand_the_vehicle_drives_while_a_button_is_held_and_stands_at_once_af
 
 def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is_closed(yard, follower, enter):
     page = enter()
-    page.click("start")
-    page.wait_for("start: DRIVING")
+    page.click("start", "start: DRIVING")
     assert follower.node.count_publishers("/emergency_stop") == 0  # no vehicle depends on a page
     ask_to_stop(yard)
     page.wait_for("emergency stop: STOPPED EMERGENCY_STOP")
@@ -241,8 +235,7 @@ def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is
         urllib.request.urlopen(f"{yard[2].url.rpartition('/')[0]}/guess_of_it/emergency_stop", timeout=WAIT_S)
     page.close()
     again = enter()
-    again.click("release the emergency stop")
-    again.wait_for("released; start drives again")
+    again.click("release the emergency stop", "released; start drives again")
     assert follower.emergency[-1] is False
     wait_until(lambda: follower.node.count_publishers("/emergency_stop") == 0)
 
@@ -345,7 +338,7 @@ def test_stop_ends_a_mission_of_the_command_line_and_is_confirmed_where_follower
     assert yard[1].command("stop") == "stop: STOPPED"
     wait_until(ended.done)
     assert (ended.result().status, ended.result().result.reason) == (GoalStatus.STATUS_CANCELED, "canceled")
-    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.RECENT_S", 0.3)
     command_line.send_goal_async(Navigate.Goal(place="gate"))
     wait_until(lambda: yard[1].seen.mission == "DRIVING")
     navigator.does_cancel = False
@@ -384,13 +377,10 @@ def programs(tmp_path, monkeypatch):
 def test_from_teaching_to_why_it_stands_by_clicks_alone(yard, follower, enter, programs):
     page, link = enter(), yard[1]
     page.set("name", "round")
-    page.click("record")
-    page.wait_for("NO IMAGE on image_raw for")
-    page.click("end of the drive")
-    page.wait_for("recording round: done 82 messages")
+    page.click("record", "NO IMAGE on image_raw for")
+    page.click("end of the drive", "recording round: done 82 messages")
     page.set("drive", "round")
-    page.click("make its map")
-    page.wait_for("mapping round: done")
+    page.click("make its map", "mapping round: done")
     assert yard[2].teaching.map_of("round")
     follower.tell_map(programs)
     wait_until(lambda: yard[2].map_in_use() is not None)
@@ -398,29 +388,23 @@ def test_from_teaching_to_why_it_stands_by_clicks_alone(yard, follower, enter, p
     page.click_map(2.0, 0.3)
     page.set("name of the place", "gate")
     wait_until(lambda: page.parts[page.find("name it")]["visible"])
-    page.click("name it")
-    page.wait_for("place gate: kept in round_map")
+    page.click("name it", "place gate: kept in round_map")
     assert [place.name for place in link.seen.told("places")[0]] == ["home", "gate"]
     page.set("place", "gate")
-    page.click("make the way there")
-    page.wait_for("way to 2.0, 0.0")
+    page.click("make the way there", "way to 2.0, 0.0")
     assert follower.loaded[-1].endswith("course.csv")
     assert follower.state == "IDLE"  # nothing moves before start
     wait_until(lambda: page.parts[page.find("start")]["visible"])
-    page.click("start")
-    page.wait_for("start: DRIVING")
+    page.click("start", "start: DRIVING")
     ask_to_stop(yard)
     page.wait_for("emergency stop: STOPPED EMERGENCY_STOP")
     page.wait_for("&rarr; &lt;b&gt;see&lt;/b&gt; the log")  # why, and what to do
     assert not page.parts[page.find("start")]["visible"]
-    page.click("release the emergency stop")
-    page.wait_for("released; start drives again")
+    page.click("release the emergency stop", "released; start drives again")
     page.set("a click on the map", "only looks")
     navigator = FakeNavigator(follower)
-    page.click("go there")
-    page.wait_for("gate: on the way")
+    page.click("go there", "gate: on the way")
     assert navigator.asked == ["gate"]
     wait_until(lambda: page.parts[page.find("stop")]["visible"])
-    page.click("stop")
-    page.wait_for("gate: canceled, 12 m")
+    page.click("stop", "gate: canceled, 12 m")
     navigator.close()

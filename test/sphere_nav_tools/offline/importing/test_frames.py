@@ -9,8 +9,10 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.conversions import transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.files import read_stamped
-from sphere_nav_tools.offline.importing.frames import (
+from sphere_nav_tools.offline.importing.images import open_images
+from sphere_nav_tools.offline.importing.recording import (
     FIRST_STAMP_NS,
+    SIDES,
     Picture,
     even_stamps,
     instants_of,
@@ -18,8 +20,6 @@ from sphere_nav_tools.offline.importing.frames import (
     open_frames,
     stamp_of,
 )
-from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.recording import SIDES
 from sphere_nav_tools.offline.importing.rgbd import open_tum
 
 LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)

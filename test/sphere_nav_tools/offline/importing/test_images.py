@@ -12,9 +12,8 @@ from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere, stamp_ns
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.offline.importing import spherical
-from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.spherical import T_BODY_RIG
+from sphere_nav_tools.offline.importing import images
+from sphere_nav_tools.offline.importing.images import T_BODY_RIG, open_images
 from worlds.commands import call
 from worlds.rig import WAVES
 
@@ -128,7 +127,7 @@ def range_of_cylinder(directions):
 @pytest.fixture
 def ring(tmp_path, monkeypatch):
     """Eight small sensors, 45 degrees apart, in a cylinder whose grey level tells the azimuth."""
-    monkeypatch.setattr(spherical, "SENSOR", SENSOR)
+    monkeypatch.setattr(images, "SENSOR", SENSOR)
     folder = tmp_path / "ring"
     (folder / "Extrinsics").mkdir(parents=True)
     for name in ("sphere_1", "sphere_2"):
@@ -149,7 +148,7 @@ def ring(tmp_path, monkeypatch):
 
 
 def test_a_ring_becomes_a_sphere_with_z_up(ring):
-    recording = spherical.open_spherical(ring)
+    recording = images.open_spherical(ring)
     sphere = message_to_sphere(dict(recording.frame(0))["sphere"])
     poses = [instant.T_map_link for instant in recording.instants]
     directions = sphere.camera.unproject(pixel_grid(sphere.camera))
@@ -171,7 +170,7 @@ def test_panoramas_with_range_become_spheres_at_their_poses(tmp_path):
         write(tmp_path / f"image_{number}.png", np.full((8, 16, 3), 100 + number, np.uint8))
         write(tmp_path / f"range_{number}.png", np.full((8, 16), 2000 + 500 * number, np.uint16))
     np.savetxt(tmp_path / "poses.tum", [[k, 3.0 * k, 0, 0, 0, 0, 0, 1] for k in range(2)])
-    recording = spherical.open_spherical(tmp_path)
+    recording = images.open_spherical(tmp_path)
     assert [instant.T_map_link.translation[0] for instant in recording.instants] == [0.0, 3.0]
     sphere = message_to_sphere(dict(recording.frame(1))["sphere"])
     assert (sphere.image[0, 0, 0], sphere.stamp_ns) == (101, recording.instants[0].stamp_ns + 1_000_000_000)

@@ -18,14 +18,13 @@ from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav_tools.offline.evaluation import read_poses, trajectory_of
 from sphere_nav_tools.offline.mapping import drive as mapped
 from sphere_nav_tools.offline.mapping import stereo_drive
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe, check_survey, move_to_truth, read_truth
 from sphere_nav_tools.offline.mapping.extension import place_start
-from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
 from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
-from sphere_nav_tools.offline.mapping.stereo_drive import find_field
-from sphere_nav_tools.offline.pose_bags import read_poses, trajectory_of
+from sphere_nav_tools.offline.mapping.stereo_drive import PairCollector, collect, find_field
 from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
 

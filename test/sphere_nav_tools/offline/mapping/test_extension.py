@@ -19,8 +19,8 @@ from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav_tools.offline.mapping.drive_locator import LocatedMapper, drive_localizer
-from sphere_nav_tools.offline.mapping.thinning import thin_map
+from sphere_nav_tools.offline.mapping.extension import LocatedMapper, drive_localizer
+from sphere_nav_tools.offline.mapping.learning import thin_map
 from worlds.commands import call
 from worlds.maps import load_all
 from worlds.room import sharp_room

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from sphere_nav_tools.offline.mapping import plan
-from sphere_nav_tools.offline.mapping.plan import stitcher_values
+from sphere_nav_tools.offline.mapping import replay_mapper
+from sphere_nav_tools.offline.mapping.replay_mapper import stitcher_values
 from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 from sphere_nav_tools.offline.mapping.workers import Workers
 from worlds.streams import finder_of, image
@@ -86,7 +86,7 @@ def test_an_instant_that_cannot_be_stitched_is_told_where_its_sphere_is_due():
 
 
 def test_a_replayed_stitcher_waits_for_late_images_and_shares_its_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
+    monkeypatch.setattr(replay_mapper, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
     finder = finder_of([image(f"/{name}/image_raw", frame=name) for name in ("a", "b")])
     rig, told = tmp_path / "rig.yaml", {"stitch.width": 256, "jobs": 9}
     given = SimpleNamespace(rig=rig, jobs=1, scheduler="", set_stitcher=told)

@@ -20,8 +20,8 @@ from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline import lessons
-from sphere_nav_tools.offline.lessons import (
+from sphere_nav_tools.cli.maps import map_learn
+from sphere_nav_tools.cli.maps.map_learn import (
     KeyImage,
     count_explained,
     draw_range,
@@ -140,7 +140,7 @@ def test_a_key_image_joins_the_key_sphere_that_placed_it_to_5_mm_and_2_mrad():
     node = KeySphere(9, 9, SE3.from_planar(3.2, 0.1, 0.7))
     for references, a in (((7, 4), 4), ((), 3)):  # one that is no more, none: the nearest
         one = KeyImage(5, np.zeros((2, 2), np.uint8), PINHOLE, SE3.identity(), np.eye(6), references, False)
-        edge = lessons._edge(graph, one, node, 1e-9 * np.eye(6))
+        edge = map_learn._edge(graph, one, node, 1e-9 * np.eye(6))
         assert (edge.a, edge.b) == (a, 9)
         np.testing.assert_allclose((graph[a].T_map_sphere @ edge.T_a_b).matrix, node.T_map_sphere.matrix, atol=1e-12)
         sigmas = np.sqrt(np.diag(np.linalg.inv(edge.information)))
@@ -150,7 +150,7 @@ def test_a_key_image_joins_the_key_sphere_that_placed_it_to_5_mm_and_2_mrad():
 def see_marks(monkeypatch, *marks):
     """Say how many images maps explain, one after the other: withheld ones, then those of other drives."""
     counts = iter(marks)
-    monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
+    monkeypatch.setattr(map_learn, "count_explained", lambda *_: next(counts))
 
 
 def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
@@ -185,11 +185,11 @@ def test_a_death_while_the_map_is_swapped_leaves_a_whole_one(tmp_path, monkeypat
 
     with monkeypatch.context() as patch:
         for name in ("rmtree", "copytree"):
-            patch.setattr(lessons.shutil, name, dying(getattr(lessons.shutil, name)))
+            patch.setattr(map_learn.shutil, name, dying(getattr(map_learn.shutil, name)))
         for name in ("replace", "rmdir"):
-            patch.setattr(lessons.Path, name, dying(getattr(lessons.Path, name)))
+            patch.setattr(map_learn.Path, name, dying(getattr(map_learn.Path, name)))
         with pytest.raises(KeyboardInterrupt):
-            lessons.swap(path, new)
+            map_learn.swap(path, new)
     word = (path / "map.mcap").read_text().split()[0]
     assert word == ("new" if moment >= 3 else "old")
     if moment >= 2:

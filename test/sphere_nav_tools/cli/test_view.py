@@ -12,10 +12,9 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-from sphere_nav_tools.cli import gate
+from sphere_nav_tools.cli import gate, view
 from sphere_nav_tools.cli.gate import Address
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.view import server, view
 from worlds.localizer import make_map
 from worlds.room import Room, optical
 
@@ -46,7 +45,7 @@ T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 
 @pytest.mark.parametrize(("aspect", "width", "height"), [(1.6, 800, 500), (1.0, 800, 800), (0.5, 400, 800)])
 def test_a_browser_sees_no_more_pixels_than_are_drawn(aspect, width, height):
-    camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.pi / 3))  # of the height
+    camera = view.browser_camera(SimpleNamespace(aspect=aspect, fov=np.pi / 3))  # of the height
     focal = pytest.approx(height / 2 * np.sqrt(3))
     assert (camera.width, camera.height, camera.fx, camera.fy) == (width, height, focal, focal)
     assert (camera.cx, camera.cy) == (0.5 * (width - 1), 0.5 * (height - 1))
@@ -56,7 +55,7 @@ def test_a_browser_looks_where_its_camera_looks():
     x, y, z, w = T.quaternion
     found = gate.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
-    np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
+    np.testing.assert_allclose(view.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
 
 
 def test_a_view_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
@@ -88,7 +87,7 @@ def page(monkeypatch):
     edges = [Edge(0, 1, SE3.identity(), np.eye(6)), Edge(0, 2, SE3.identity(), np.eye(6), is_loop=True)]
     graph = SphereGraph([KeySphere(i, i, T) for i, T in enumerate(PLACES)], edges)
     scene = MagicMock(experiences=[Experience("", "night", "b", 5)])
-    return server.Page(Address("view", "", 0, ""), graph, scene, PLACES[1] @ T_BODY_OPTICAL)
+    return view.Page(Address("view", "", 0, ""), graph, scene, PLACES[1] @ T_BODY_OPTICAL)
 
 
 def browser(T):
@@ -113,9 +112,9 @@ def test_a_page_shows_the_graph_and_goes_to_the_key_sphere_that_is_clicked(page)
 
 def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_stands(page, monkeypatch):
     threads, client = [], browser(T)
-    monkeypatch.setattr(server.threading, "Thread", lambda target, args, daemon: threads.append(args) or MagicMock())
+    monkeypatch.setattr(view.threading, "Thread", lambda target, args, daemon: threads.append(args) or MagicMock())
     page._welcome(client)
-    client.gui.add_dropdown.return_value.value = server.ANY_LOOK
+    client.gui.add_dropdown.return_value.value = view.ANY_LOOK
     ((_, _, draw),) = threads
     render, is_ready = page._scene.render, page._scene.is_ready
     render.return_value = SimpleNamespace(image=np.full((2, 2, 3), 9, np.uint8), is_known=np.eye(2, dtype=bool))

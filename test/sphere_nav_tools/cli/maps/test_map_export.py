@@ -9,7 +9,7 @@ from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.map_points import POINT, Datum, cloud_of, geojson, write_ply
+from sphere_nav_tools.cli.maps.map_export import POINT, Datum, cloud_of, geojson, write_ply
 
 
 def cloud():
