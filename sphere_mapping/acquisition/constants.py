@@ -30,22 +30,16 @@ MIN_FALLOFF = 0.01  # below which an image is left as it is
 
 # Falloff of lenses, Goldman 2010 (light/test_light); deviations before anything is seen
 FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
-LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
-LEAST_COEFFICIENT = -2.0  # of the polynomial: no lens loses more light
 EXPOSURE_STD = 1.0  # of an exposure's logarithm
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
 CORRELATED_DIRECTIONS = 10.0  # neighbors that count as one (`estimation/covariance.py`)
-LOSS_SCALES = np.geomspace(20.0, 2.0, 8)  # deviations, step by step: at first half of what is seen may disagree
+LOSS_SCALES = (20.0, 2.0, 2.0, 2.0)  # deviations, step by step: at first half of what is seen may disagree
 
-# What cameras see in common (stitching/test_overlaps)
+# What cameras see in common (light/test_light)
 OVERLAP_GRID = Spherical(512, 256)  # directions that are compared
 OVERLAP_CELL = 0.012  # rad, side of compared pixels, as far apart as the directions: noise and parallax matter less
-OVERLAP_FROM_BORDER = 0.03  # rad from the border of both cameras
 MIN_SHARED, MAX_SHARED = 30, 600  # directions from which on two cameras are compared; evenly chosen of more
-DETAIL_WINDOW = 7  # directions, side of the neighborhood whose detail is compared
-MIN_CORRELATION = 0.8  # of that detail
-FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
 
 # Seams (stitching/test_strips)
 NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
