@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.keyframes import MapUpdate, Track
-from sphere_mapping.graph.loop_closure import Kept, LoopCloser, with_loops
+from sphere_mapping.graph.loop_closure import Kept, LoopCloser
+from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
 from sphere_mapping.graph.tracking import SphereTracker, Unroll, is_followed
@@ -20,7 +21,7 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
@@ -86,7 +87,7 @@ class Mapper:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
         loops = self._loops.find_all(self.graph, run)
         if loops:
-            self._correct(with_loops(self.graph, loops))
+            self._correct(loops)
         return len(loops)
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
@@ -139,10 +140,11 @@ class Mapper:
         self._unroll_newest = None
         newest_id, newest = self._tracker.references[0]
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, newest, newest_id)):
-            self._correct(with_loops(self.graph, [loop]))
+            self._correct([loop])
 
-    def _correct(self, corrected: SphereGraph) -> None:
+    def _correct(self, loops: list[Edge]) -> None:
         """Go on with the graph with more loops, where everything is where all edges fit best."""
+        corrected = optimize_map(self.graph.with_edges(loops))
         self._tracker.follow(self.graph, corrected)
-        self.num_loops += len(corrected.edges) - len(self.graph.edges)
+        self.num_loops += len(loops)
         self.graph = corrected

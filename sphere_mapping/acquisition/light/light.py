@@ -19,25 +19,23 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array, hstack
 
 from sphere_mapping.acquisition.constants import (
-    CORRELATED_DIRECTIONS,
     EXPOSED,
     EXPOSURE_STD,
     FALLOFF_STD,
     GRID_STEP,
     HIGHLIGHTS,
-    LEVEL_STD,
     LOSS_SCALES,
     MAX_GAIN,
     MAX_SHARED,
     MAX_WHITE_BALANCE,
     MIN_FALLOFF,
-    MIN_SHARED,
+    MIN_MATCHES,
+    NUM_CORRELATED,
     NUM_INSTANTS,
     OVERLAP_CELL,
     OVERLAP_GRID,
     RATIO_STD,
     VERY_FAR_M,
-    WHITE,
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.estimation.robust import cauchy_weights
@@ -80,7 +78,7 @@ class Overlaps:
         self.pairs = []
         for pair in combinations(range(len(rig_views)), 2):
             points = rays[is_inside[pair[0]] & is_inside[pair[1]] & is_even]
-            if len(points) >= MIN_SHARED:
+            if len(points) >= MIN_MATCHES:
                 chosen = points[None, :: -(-len(points) // MAX_SHARED)]
                 views = [rig_views[k] for k in pair]
                 angles = [off_axis(view.T_sphere_camera.inverse().apply(chosen[0])) for view in views]
@@ -99,7 +97,7 @@ class Overlaps:
                 ]
                 levels = np.stack(drawn).reshape(2, pair.angles.shape[1], -1).astype(np.float64)
                 good = np.all((levels > low) & (levels < high), axis=(0, 2))
-                if (number := np.count_nonzero(good)) >= MIN_SHARED:
+                if (number := np.count_nonzero(good)) >= MIN_MATCHES:
                     cameras = np.repeat(np.array(pair.cameras)[:, None], number, axis=1)
                     found.append((cameras, pair.angles[:, good], levels[:, good]))
         return Shared(*(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))) if found else None
@@ -130,18 +128,12 @@ def _shrink(image: Bytes, step: int) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class PairRatios:
-    """What two cameras say of a point: numbers of cameras and exposures, s (2, N); log ratio (N,), its deviation."""
+    """What two cameras say of a point: numbers of cameras and exposures, s (2, N); log ratio (N,)."""
 
     cameras: Integers
     exposures: Integers
     squares: Array
     ratio: Array
-    std: Array
-
-
-def std_of(first: Array, second: Array) -> Array:
-    """Return the deviation (N,) of the logarithm of the ratio of grey levels (N,)."""
-    return np.sqrt(RATIO_STD**2 + np.square(LEVEL_STD / first) + np.square(LEVEL_STD / second))
 
 
 def falloff(coefficients: Array, squares: Array) -> Array:
@@ -161,16 +153,16 @@ class Falloff:
         self._seen.append(seen)
         exposures = block_diag([design(one, num_exposures) for one in self._seen], format="csr")
         rows = hstack([np.concatenate([self._powers(one) for one in self._seen]), exposures], format="csr")
-        ratio, std = (np.concatenate([getattr(one, name) for one in self._seen]) for name in ("ratio", "std"))
+        ratio = np.concatenate([one.ratio for one in self._seen])
         size, count = self.coefficients.size, exposures.shape[1]
         deviations = np.repeat([FALLOFF_STD, EXPOSURE_STD], [size, count])
-        self.coefficients = descend(rows, ratio, std, deviations)[:size].reshape(-1, NUM_POWERS)
+        self.coefficients = descend(rows, ratio, deviations)[:size].reshape(-1, NUM_POWERS)
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
         deviations = np.full(num_exposures, EXPOSURE_STD)
-        values = descend(csr_array(design(seen, num_exposures)), ratio, seen.std, deviations)
+        values = descend(csr_array(design(seen, num_exposures)), ratio, deviations)
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
@@ -189,14 +181,15 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     return alone[seen.exposures[0]] - alone[seen.exposures[1]]
 
 
-def descend(rows: csr_array, ratio: Array, std: Array, deviations: Array) -> Array:
+def descend(rows: csr_array, ratio: Array, deviations: Array) -> Array:
     """Return what explains ratios (N,) by rows (N, M) best, Cauchy's loss narrowed.
 
     deviations: (M,), about 0, before anything is seen.
     """
     values: Array = np.zeros(rows.shape[1])
     for scale in LOSS_SCALES:
-        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * std))) / (CORRELATED_DIRECTIONS * std**2)
+        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * RATIO_STD)))
+        weight = weight / (NUM_CORRELATED * RATIO_STD**2)
         information = np.diag(1.0 / deviations**2) + (rows.T @ rows.multiply(weight[:, None])).toarray()
         values = np.linalg.solve(information, rows.T @ (weight * ratio))
     return values
@@ -206,10 +199,10 @@ def apply_gain(image: Bytes, gain: Array) -> Bytes:
     """Return the image (h, w[, 3]) times its gain (channels,); what is white stays white."""
     if np.all(np.abs(gain - 1.0) < 1e-3):
         return image
-    before = np.arange(256)[:, None]
+    before, white = np.arange(256)[:, None], EXPOSED[1]
     after = before * gain
-    rise = (before - WHITE) / (255 - WHITE)
-    after = np.where((rise > 0) & (gain < 1.0), WHITE * gain + rise * (255 - WHITE * gain), after)
+    rise = (before - white) / (255 - white)
+    after = np.where((rise > 0) & (gain < 1.0), white * gain + rise * (255 - white * gain), after)
     levels = np.clip(np.rint(after), 0, 255).astype(np.uint8)
     return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
@@ -272,7 +265,7 @@ class Light:
         logs = np.log(shared.levels)[..., colors].reshape(*shared.cameras.shape, -1).mean(axis=2)
         squares = np.square(shared.angles / np.array(self._largest)[shared.cameras])
         groups = np.array(self._group)[shared.cameras]
-        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1], std_of(*np.exp(logs)))
+        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1])
 
     def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))

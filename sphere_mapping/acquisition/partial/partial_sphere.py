@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     MAX_MAGNIFICATION,
-    MAX_SUPERSAMPLING,
     MIN_RANGE_M,
-    WITHOUT_RANGE_M,
+    VERY_FAR_M,
 )
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, inverse_depth, sample_inverse
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
@@ -118,7 +117,7 @@ def resample_image(
 ) -> tuple[Bytes, Flags]:
     """Return the image (height, width[, 3]) in the window and which of its pixels the camera sees."""
     if np.any(T_sphere_camera.translation):
-        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
+        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=VERY_FAR_M)
         points = pixel_rays(window) * everywhere[..., None]
         u, v, seen = _pixels_of(T_sphere_camera.inverse().apply(points), camera)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -177,7 +176,7 @@ def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floa
 @lru_cache(maxsize=16)
 def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, int]:
     """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
-    steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
+    steps = max(int(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION)), 1)
     _, _, seen, _ = _ray_table(camera, rotation, window)
     finer = replace(
         window,

@@ -20,7 +20,6 @@ import numpy as np
 
 from sphere_mapping.acquisition.constants import (
     BEYOND_PX,
-    EDGE_PX,
     LEAST_NOISE,
     MATCH_PX,
     MAX_REFINEMENT,
@@ -34,7 +33,6 @@ from sphere_mapping.acquisition.constants import (
     SMOOTH,
     STD_FACTOR,
     STEP_LIMIT,
-    STEPS_AGAIN,
     UNEVEN_SHARE,
 )
 from sphere_mapping.acquisition.kernels import compare_images, judge_blocks, smooth, step_blocks
@@ -104,7 +102,7 @@ def match_columns(
             assert coarser is not None
             start = _start_again(start, coarser.value)
         start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
-        num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
+        num_steps = REFINE_STEPS if k >= halvings else 1
         noise = max(params.noise / 2**k, min(params.noise, LEAST_NOISE))  # halving an image averages four pixels
         own_params = replace(params, noise=noise)
         own = refine(*levels[k], start, own_params, num_steps, is_whole=search.is_whole, jobs=jobs)
@@ -168,7 +166,7 @@ def _start_again(matched: Floats, aligned: Floats) -> Floats:
 def _keep_sure(matched: Floats, search: Search) -> Floats:
     """Return matches without stairs, and none near jumps and unknown regions."""
     found = smooth_around(matched, REFINE_RADIUS, is_whole=search.is_whole)
-    near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
+    near_jump = at_jumps(found, REFINE_RADIUS, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
-    COARSE_STEPS,
     COST_RADIUS,
     DEPENDENT_SHARE,
     FAR_M,
@@ -35,9 +34,9 @@ from sphere_mapping.acquisition.constants import (
     MIN_SWEEP_MARGIN,
     MISALIGNED,
     REFINE_RADIUS,
+    REFINE_STEPS,
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
-    SPREAD_RADIUS,
     START_STD_PX,
     SWEEP_COST_RATIO,
     SWEEP_FLOOR,
@@ -155,7 +154,7 @@ class SphereSweep:
         """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
         from_coarsest, found = len(self._levels) - 1 - k, start
         std, left, unlike = (np.empty_like(start) for _ in range(3))
-        for _ in range(COARSE_STEPS if from_coarsest == 0 else 1):
+        for _ in range(REFINE_STEPS if from_coarsest == 0 else 1):
             found = self._align(k, images, (found, start), sight, (std, left, unlike))
         does_fit = left <= MAX_RESIDUAL
         px = np.float32(self._step / 2**from_coarsest)  # about a pixel of the coarsest level, at this one
@@ -166,7 +165,7 @@ class SphereSweep:
         found[np.isnan(std)] = np.nan
         found = smooth_around(found / px, SMOOTH_LAST, is_whole=True)
         half = np.ascontiguousarray(found[::2, ::2])
-        spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
+        spread = twice(spread_around(half, COST_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
         return found * px, std
 

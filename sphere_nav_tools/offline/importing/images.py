@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
+from sphere_mapping.acquisition.range.vertical import disparities_of_ranges, range_from_disparity
 from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
 from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.files.rig_file import read_rig
