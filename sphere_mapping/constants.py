@@ -73,7 +73,6 @@ GROUND_FLOOR_RAD = 0.0035  # 0.2 deg that ranges bend a floor by
 NUM_FITS = 4  # of the plane to the points near it, each by the one before
 INDEPENDENT = 100  # points that err together: neighbours on one floor
 STEEP = 0.9  # of what points up where a vehicle looks at the sky: its left side says where ahead is
-POINTS_STEP = 4  # every how many rows and columns of the first sphere the ground is looked for
 WAIT_S = 1.0  # of stamps: a live node begins a map without /tf_static and IMU, an image goes without its counterpart
 
 # A drive placed in a map (experiences/test_joining)

@@ -36,8 +36,8 @@ LOSS_SCALES = (20.0, 2.0, 2.0, 2.0)  # deviations, step by step: at first half o
 
 # What cameras see in common (light/test_light)
 OVERLAP_GRID = Spherical(512, 256)  # directions that are compared
+MAX_SHARED = 600  # of them, of two cameras; evenly chosen of more
 OVERLAP_CELL = 0.012  # rad, side of compared pixels, as far apart as the directions: noise and parallax matter less
-MAX_SHARED = 600  # directions in which two cameras are compared; evenly chosen of more
 
 # Seams (stitching/test_strips)
 NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
@@ -74,7 +74,6 @@ SEAM_COLUMNS = 32  # beyond the seam that the matcher sees, so that it knows no 
 NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
 STRIP_COLUMNS = 64  # whose costs are in memory at a time
 COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities, and within which they spread
-MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 
 # Levels of a matching (range/test_matching, range/test_levels)
 MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
@@ -83,17 +82,16 @@ NUM_SCALES = 3  # levels that are matched at least
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
-UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts; kept off it, and off what is borrowed
+UNKNOWN_SIDE = 7  # px, side of an unknown region that counts
 UNKNOWN_PX = 1e4  # stands for an unknown disparity where the largest or least is looked for
 
 # Alignment of small blocks after it (range/test_matching)
 REFINE_RADIUS = 3  # px, half side of the blocks; matches this near to a jump are not trusted
 REFINE_STEPS = 2  # how often; once where a coarser level has aligned them before (range/test_sweep, too)
-STEP_LIMIT, MAX_REFINEMENT = 0.5, 1.6  # px: of one step; a block that goes farther from its match is not trusted
+STEP_LIMIT, MAX_REFINEMENT = 0.5, 1.6  # px: of one step; a block that goes farther from where it starts is not trusted
 MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
-MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
+MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match, or a range and be seen by two cameras
 MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
-STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation that the residual alone gives
 UNEVEN_SHARE = 1 / 3  # of what disparity varies by over a block: three deviations of a pixel reach all of it
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
 # (range/test_levels)
@@ -106,7 +104,6 @@ BORROWED_PX = 3  # side of a region below it that counts, with what is around it
 # Range from disparity (range/test_vertical)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
-BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_semi_global)
 ORDER_COLUMNS = 320  # px, at which the order is looked at
 
@@ -114,21 +111,20 @@ ORDER_COLUMNS = 320  # px, at which the order is looked at
 MAX_SWEEP_WIDTH = 640  # columns up to which all hypotheses are compared; wider spheres are halved
 SWEEP_RADIUS = 2  # px, half side of the blocks that are smoothed; that of those that are compared is COST_RADIUS
 SWEEP_PENALTIES = (60, 600)  # of a step to the next hypothesis, to any other, in eighths of a grey level of a block
-SWEEP_COST_RATIO = 1.08  # of the least cost elsewhere to that of the match
+MIN_COST_RATIO = 1.1  # of the least cost elsewhere to that of the match (range/test_semi_global, too)
 SWEEP_FLOOR = 10  # eighths of a grey level added to each difference, so that noise decides nothing
-MIN_SWEEP_MARGIN = 1.04  # of the second smoothed cost to the least
 MISALIGNED = 0.3  # px^2 that cameras may be misaligned by, beside the noise, where they are compared at the end
 MAX_UNLIKE = 30.0  # of what they differ by, to the median of all pixels measured; by 1 + the spread of range there
 MAX_ROW_STEP = 3  # between the rows that finer levels sample: blocks of neighboring rows tell nearly the same
-SWEEP_STEP_PX, START_STD_PX = 0.7, 3.0  # most of one step; standard deviation of where it starts
-MIN_SAMPLED_SHARE = 0.4  # of a block's samples must have a range and be seen by two cameras
 DEPENDENT_SHARE = 0.1  # of what noise does not explain: common to a block, so that no number of pixels averages it
-SMOOTH_BETWEEN, SMOOTH_LAST = 4, 5  # px, half side of what is averaged between levels, and at the end
+SMOOTH_RADIUS = 5  # px, half side of what is averaged between levels, and at the end
 LEVEL_BLUR_PX = 0.6  # of full-size images: linear interpolation of sharper ones is biased to whole pixels
 # (range/test_sweep_tables)
 MAX_VIEWS, FAINT_STRETCH = 4, 1.55  # cameras that see a direction; more stretched than this they count if needed
 SIGHT_M = 2.0  # range from which on a camera must see what it sees of a direction
-ERODED_PX = 2  # kept off borders and masks, at each level; off that of a rectified image (stereo/test_stereo_pair)
+ERODED_PX = (
+    2  # kept off borders, masks, unknown regions and what is borrowed (range/test_levels, stereo/test_stereo_pair)
+)
 TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tangent of half the angle off the axis
 HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
@@ -161,7 +157,7 @@ NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match coun
 RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
 
 # Rectified pairs (stereo/test_stereo, stereo/test_stereo_pair)
-RECTIFIED_PX = 1.0  # that rectification leaves: searched so far below 0, trusted from so far above
+RECTIFIED_PX = 1.0  # that calibration leaves: searched so far below 0, of a pair trusted from so far above
 MAX_WIDTH_SHARE = 0.5  # of the image: larger disparities are not looked for
 MAX_TURN_DEG = 45.0  # between the cameras' axes, and between them and the axis of the pair
 FAR_WORSE = 1.5  # by which rows agree worse as told than as they are: the images are rectified already

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from sensor_msgs.msg import Imu
 
-from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, POINTS_STEP, WAIT_S
+from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, WAIT_S
 from sphere_mapping.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
@@ -88,7 +88,7 @@ class VehicleFrame:
         level = self._find_gravity(sphere.stamp_ns, mount, T_base_body)
         if level is None:
             limit = GROUND_LEAN_RAD if self._is_mounted else MAX_LEAN_RAD
-            points = T_body_sphere.apply(sphere.points(POINTS_STEP)[0])
+            points = T_body_sphere.apply(sphere.points(1)[0])
             level = find_ground(points, T_body_sphere.translation, limit) or Upright(UP)
         return level.T_map_base @ T_base_body.inverse(), level.source
 

@@ -115,8 +115,8 @@ def _step(rig_view: RigView) -> int:
 
 def _pixels_of(rig_view: RigView, points: Array, step: int) -> tuple[Floats, Floats]:
     """Return u, v of points (h, w, 3) in a camera's image whose pixels are `step` times as large."""
-    u, v, _ = rig_view.project(points)
-    return (u + 0.5) / step - 0.5, (v + 0.5) / step - 0.5
+    half, (u, v, _) = np.float32(0.5), rig_view.project(points)
+    return (u + half) / np.float32(step) - half, (v + half) / np.float32(step) - half
 
 
 def _shrink(image: Bytes, step: int) -> Floats:

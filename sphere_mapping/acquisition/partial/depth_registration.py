@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
@@ -34,6 +34,13 @@ def sample_inverse(inverse: Floats, u: Floats, v: Floats) -> Floats:
     nearest = cv2.remap(inverse, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
     linear = cv2.remap(inverse, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(is_smooth[row, column] & ~np.isnan(nearest), linear, nearest)
+
+
+def pixels_of(points: Array, camera: Camera) -> tuple[Floats, Floats, Flags]:
+    """Return u, v of points (H, W, 3) in the frame of the camera and which of them are seen."""
+    pixels, visible = camera.project(points)
+    u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
+    return u, v, visible
 
 
 def draw_nearest(points: Array, target: Camera, size: int) -> Floats:
@@ -94,8 +101,7 @@ class DepthRegistration:
 
     def _measure(self, inverse: Floats, points: Array) -> Array:
         """Return the depth that `camera` measured in the direction of points (H, W, 3)."""
-        pixels, _ = self._camera.project(points)
-        u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
+        u, v, _ = pixels_of(points, self._camera)
         with np.errstate(divide="ignore"):
             return 1.0 / sample_inverse(inverse, u, v).astype(np.float64)
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
-import cv2
 import numpy as np
 
 from sphere_mapping.acquisition.constants import (
@@ -23,7 +22,7 @@ from sphere_mapping.acquisition.constants import (
     OTHER_LENS,
     OUTLINE_RAYS,
 )
-from sphere_mapping.acquisition.range.rectification import Matches, pair_descriptors, rays_of
+from sphere_mapping.acquisition.range.rectification import Matches, find_features, pair_descriptors, rays_of
 from sphere_mapping.acquisition.range.semi_global import shrink
 from sphere_mapping.acquisition.range.sweep_tables import shared_view
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig
@@ -121,10 +120,7 @@ def _match_all(images: Mapping[str, Bytes], pairs_of_cameras: Sequence[tuple[str
 
 def _features(image: Bytes) -> tuple[Array, Floats]:
     small, factor = shrink(image, LENS_SIDE)
-    points, descriptors = cv2.SIFT_create(LENS_FEATURES).detectAndCompute(small, None)
-    if descriptors is None:
-        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-    pixels = np.array([point.pt for point in points], np.float64)
+    pixels, descriptors = find_features(small, nfeatures=LENS_FEATURES)
     return (pixels + 0.5) * factor - 0.5, descriptors
 
 

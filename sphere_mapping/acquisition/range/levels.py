@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     BORROWED_PX,
-    FROM_UNKNOWN,
+    ERODED_PX,
     JUMP,
+    LEAST_NOISE,
     MIN_OWN_LIKENESS,
     OWN_FLOOR,
     OWN_LEVELS,
@@ -42,6 +43,11 @@ def halve_image(image: NDArray[Any], is_whole: bool) -> NDArray[Any]:
     half = cv2.pyrDown(around(image, 4, is_whole=is_whole))[: height // 2, 2 : 2 + width // 2]
     # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
     return np.ascontiguousarray(half)
+
+
+def noise_of(noise: float, halvings: int) -> float:
+    """Return the deviation of grey levels that halving leaves of a noise: it averages four pixels."""
+    return max(noise / 2**halvings, min(noise, LEAST_NOISE))
 
 
 def interpolate(disparity: Floats, is_whole: bool) -> Floats:
@@ -162,9 +168,9 @@ def at_unknown(disparity: Floats, *, is_whole: bool) -> Flags:
 
 def _near_large(marked: Bytes, side: int, *, is_whole: bool) -> Bytes:
     """Return what is in or next to regions of marked pixels (H, W) that hold a square of so many px a side."""
-    margin = side + FROM_UNKNOWN
+    margin = side + ERODED_PX
     large = cv2.morphologyEx(around(marked, margin, is_whole=is_whole), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
-    near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
+    near = cv2.dilate(large, np.ones((2 * ERODED_PX + 1, 2 * ERODED_PX + 1), np.uint8))
     return np.asarray(near[:, margin:-margin], np.uint8)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MIN_RANGE_SHARE
+from sphere_mapping.acquisition.constants import FAR_M, MIN_RANGE_SHARE, RECTIFIED_PX
 from sphere_mapping.acquisition.kernels import recenter, triangulate
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
 from sphere_mapping.acquisition.range.fusion import Ranged
@@ -57,8 +57,7 @@ def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchPar
     """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
     largest = np.arcsin(min(baseline_m / params.nearest_m, 1.0))
     per_radian = window.full_width / (2 * np.pi)
-    first_px = -BELOW_ZERO_DEG * window.full_width / 360.0
-    return Search(first_px, float(largest) * per_radian, window.is_whole, window.full_width)
+    return Search(-RECTIFIED_PX, float(largest) * per_radian, window.is_whole, window.full_width)
 
 
 def range_from_disparity(

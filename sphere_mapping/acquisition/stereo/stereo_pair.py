@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import ERODED_PX, FAR_WORSE, MAX_TURN_DEG, MIN_BASELINE_M, NUM_INSTANTS
+from sphere_mapping.acquisition.partial.depth_registration import pixels_of
 from sphere_mapping.acquisition.stereo.stereo_field import (
     RowFit,
     StereoField,
@@ -170,6 +171,4 @@ def _table(lens: Camera, R_rectified_raw: Array, camera: Pinhole, applied: Stere
     pixels = pixel_grid(camera)
     du, dv = applied.shift(*tangents(camera, pixels))
     rays = camera.unproject(pixels + np.stack([du, dv], axis=-1)) @ R_rectified_raw
-    at, _ = lens.project(rays)
-    u, v = (np.nan_to_num(at[..., k], nan=-1e4).astype(np.float32) for k in range(2))
-    return u, v
+    return pixels_of(rays, lens)[:2]
