@@ -65,7 +65,7 @@ def test_a_place_is_recognised_whatever_the_heading(turn):
 
 def test_a_place_where_the_graph_cannot_be_is_no_loop():
     motion = SE3.exp([0.25, 0.2, 0.0, 0.0, 0.01, 0.0])
-    graph, closer = revisit(HERE @ motion, HERE @ SE3.from_planar(6.0, 0.0, 0.0))  # 3 sigma of 20 m are 1.5 m
+    graph, closer = revisit(HERE @ motion, HERE @ SE3.from_planar(4.0, 0.0, 0.0))  # 4 sigma of 20 m are 1.5 m
     assert look(graph, closer)[3] is None
 
 
@@ -81,7 +81,7 @@ def test_another_place_at_the_same_position_is_no_loop():
 def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     graph = chain(0.0, 8.0, 16.0, 24.0, 16.5)
     here, there = Candidate(2, SE3.from_planar(0.5, 0, 0), 60), Candidate(1, SE3.from_planar(0.5, 0, 0), 55)
-    assert choose_candidate(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
+    assert choose_candidate(graph, 4, [here, there]) == here  # 8 m are more than 4 sigma of 31 m
     far = chain(*np.linspace(0, 800, 101).tolist(), 16.5)  # after 1,600 m both could be
     assert choose_candidate(far, 101, [here, there]) is None
     assert choose_candidate(far, 101, [here, replace(there, num_inliers=20)]) == here
