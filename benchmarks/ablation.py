@@ -43,12 +43,6 @@ def _nowhere(image: Any, *_: Any, **__: Any) -> Any:
     return np.zeros(image.shape[:2], np.bool_)
 
 
-def _no_first(*words: Any, **_: Any) -> Any:
-    from sphere_mapping.experiences.joining import First
-
-    return First([], "", is_certain=False)
-
-
 def _chance_by_rivals(values: Any, *_: Any) -> tuple[float, float]:
     return 0.0, float(np.exp((values[1] - values[0]) / 0.6))
 
@@ -71,7 +65,6 @@ MECHANISMS = {
     "delays": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._find_delay",), lambda _: FINE),
     "places": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._check_place",), _nothing),
     "rival": Mechanism(*FALSE_JOINS, (f"{JOINING}.find_rival",), lambda *_: 0.0),
-    "ranges": Mechanism(*FALSE_JOINS, (f"{JOINING}.search_by_ranges",), _no_first),
     "parts": Mechanism(*FALSE_JOINS, (f"{JOINING}.confirm_by_parts",), _nothing),
     "parts_search": Mechanism(*FALSE_JOINS, (f"{JOINING}.search_by_parts",), lambda *_: []),
     "closely": Mechanism(*FALSE_JOINS, (f"{JOINING}.join_closely",), lambda base, drive, joined, *_: joined),

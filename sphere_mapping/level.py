@@ -16,11 +16,8 @@ from sphere_mapping.constants import (
     GRAVITY,
     GROUND_BELOW,
     GROUND_FLOOR_RAD,
-    GROUND_HEIGHT_M,
     GROUND_POINTS,
     GROUND_SHARE,
-    GROUND_SIGMAS,
-    GROUND_SPREAD,
     GROUND_TOLERANCE,
     GROUND_TRIALS,
     INDEPENDENT,
@@ -31,6 +28,7 @@ from sphere_mapping.constants import (
     STILL_FORCE,
     STILL_RATE,
 )
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Flags
 
@@ -105,11 +103,9 @@ def find_ground(points_base: Array, eye_base: Array, max_tilt_rad: float) -> Upr
         off = points @ normal - offset
         is_near = np.abs(off) < tolerance
     sigma_m = float(np.sqrt(np.mean(off[is_near] ** 2)))
-    if spread < GROUND_SPREAD * float(np.median(range_m[is_near])):
-        return None
     level = Upright(normal, BY_GROUND)
     sigma = GROUND_FLOOR_RAD + sigma_m / spread / np.sqrt(max(is_near.sum() / INDEPENDENT, 1.0))
-    return level if GROUND_SIGMAS * sigma < level.tilt_rad <= max_tilt_rad else None
+    return level if gate(2) * sigma**2 < level.tilt_rad**2 and level.tilt_rad <= max_tilt_rad else None
 
 
 def _find_lowest_plane(points: Array, eye: Array, tolerance: Array, max_tilt_rad: float) -> Flags:
@@ -124,7 +120,7 @@ def _find_lowest_plane(points: Array, eye: Array, tolerance: Array, max_tilt_rad
         normal *= np.sign(normal[2]) / length
         off = (points - three[0]) @ normal
         is_near = np.abs(off) < tolerance
-        is_lowest = np.mean(off < -3.0 * tolerance) < GROUND_BELOW and (eye - three[0]) @ normal > GROUND_HEIGHT_M
+        is_lowest = np.mean(off < -3.0 * tolerance) < GROUND_BELOW and (eye - three[0]) @ normal > 0.0
         if is_lowest and is_near.sum() > best.sum():
             best = is_near
     return best

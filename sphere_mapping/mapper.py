@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.keyframes import MapUpdate, Track
-from sphere_mapping.graph.loop_closure import Kept, LoopCloser, with_loops
+from sphere_mapping.graph.loop_closure import Kept, LoopCloser
+from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
 from sphere_mapping.graph.tracking import SphereTracker, Unroll, is_followed
@@ -21,7 +21,7 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
@@ -46,7 +46,7 @@ class Mapper:
     def _begin(self) -> None:
         self.graph, self.tracks, self._tracker = SphereGraph(), list[Track](), SphereTracker(self.params)
         self._features.clear()
-        self._loops, self._optimum = LoopCloser(self.params, self.load_sphere, self._features), IncrementalOptimum()
+        self._loops = LoopCloser(self.params, self.load_sphere, self._features)
         self._unroll_newest: Unroll | None = None  # the newest key sphere, until it is known how the camera moved on
         self._lost: Given | None = None
 
@@ -86,9 +86,8 @@ class Mapper:
     def close_loops(self, run: Run = map) -> int:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
         loops = self._loops.find_all(self.graph, run)
-        if loops or self._optimum.is_used:
-            self._correct(with_loops(self.graph, loops))
-            self._optimum = IncrementalOptimum()
+        if loops:
+            self._correct(loops)
         return len(loops)
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
@@ -141,10 +140,11 @@ class Mapper:
         self._unroll_newest = None
         newest_id, newest = self._tracker.references[0]
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, newest, newest_id)):
-            self._correct(self._optimum.with_loop(self.graph, loop))
+            self._correct([loop])
 
-    def _correct(self, corrected: SphereGraph) -> None:
+    def _correct(self, loops: list[Edge]) -> None:
         """Go on with the graph with more loops, where everything is where all edges fit best."""
+        corrected = optimize_map(self.graph.with_edges(loops))
         self._tracker.follow(self.graph, corrected)
-        self.num_loops += len(corrected.edges) - len(self.graph.edges)
+        self.num_loops += len(loops)
         self.graph = corrected

@@ -2,9 +2,9 @@
 
 A map of a few key spheres in a street of the simulator, and a drive of a few spheres in another light, somewhere else
 or along the same street. Both go through what `sphere_nav map --extend` does where the localiser knows nothing:
-features, then ranges. A second time as with its `--start` instead: what is somewhere else is said to begin in the map,
-and of the drives along the same street every other one is said to begin 1 to 5 m from where it does. Ranges are rough
-by a percent and end as those of a stereo rig do.
+features, then parts of the images. A second time as with its `--start` instead: what is somewhere else is said to begin
+in the map, and of the drives along the same street every other one is said to begin 1 to 5 m from where it does. Ranges
+are rough by a percent and end as those of a stereo rig do.
 """
 
 from __future__ import annotations

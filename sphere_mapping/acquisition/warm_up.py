@@ -11,8 +11,8 @@ from sphere_mapping.acquisition.partial.depth_registration import DepthRegistrat
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_nav.params import build
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-AXES = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]  # of a camera that looks ahead
 SIDE = 32  # px of an image
 
 
@@ -23,7 +23,7 @@ def warm_up() -> None:
     rng = np.random.default_rng(0)
     depth, points = np.ones((SIDE, SIDE), np.float32), rng.uniform(1.0, 3.0, (8, 3))
     for axis, levels in ((1, ("", "")), (2, ("top", "bottom"))):
-        poses = [SE3.from_parts(AXES, sign * 0.1 * np.eye(3)[axis]) for sign in (1.0, -1.0)]
+        poses = [SE3.from_parts(T_BODY_OPTICAL.rotation, sign * 0.1 * np.eye(3)[axis]) for sign in (1.0, -1.0)]
         parts = [RigCamera(f"camera{k}", lens, T, level=levels[k]) for k, T in enumerate(poses)]
         stitcher = Stitcher(Rig(tuple(parts)), params)
         for shape in ((SIDE, SIDE), (SIDE, SIDE, 3)):

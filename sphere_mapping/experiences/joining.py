@@ -1,9 +1,9 @@
 """READ FIRST. A drive in the frame of a map, whatever light it was driven in.
 
 Where the localizer tracked the drive in the map, its poses are joins. Where it did not, places are found by their
-features and aligned by their images, by parts of these, else by their ranges alone, from a given start or from nowhere;
-what is found is refined and checked over all places that both saw. Between joins the drive's own motions hold, with
-their covariances. The map stays where it is.
+features and aligned by their images, or by parts of these. A start that is given is confirmed by parts, else by ranges
+over all places that both saw. Between joins the drive's own motions hold, with their covariances. The map stays where
+it is.
 """
 
 from __future__ import annotations
@@ -17,37 +17,27 @@ from scipy.special import bdtrc
 
 from sphere_mapping.constants import (
     ASIDE,
-    EDGE_FLOOR,
     FALSE_FIT,
-    FALSE_JOIN,
-    GUESS_STEP_RAD,
     MAX_AWAY,
-    MIN_CONFIRMED_SHARE,
     MIN_LOCATED_SHARE,
-    MIN_RANGE_CONSENT,
-    MIN_RANGE_JOINS,
     NUM_ASIDE,
-    NUM_HEADINGS,
     NUM_PASSES,
-    NUM_SEARCHED,
-    TRACK_SHARE,
 )
-from sphere_mapping.experiences.parts import refine_by_parts, search_by_parts, spread
+from sphere_mapping.experiences.parts import refine_by_parts, search_by_parts
+from sphere_mapping.graph.both_ways import least_variances
 from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_closely, join_graphs
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import away
 from sphere_mapping.graph.verification import Run
+from sphere_nav.estimation.gates import RARE
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import (
-    RangeFit,
     RangeImage,
     assess_ranges,
     fit_both_ways,
-    is_apart,
-    measure_motion_by_ranges,
     reconcile,
 )
 from sphere_nav.spheres.sphere import Sphere
@@ -104,24 +94,11 @@ class Joined:
 
 @dataclass(frozen=True, eq=False)
 class First:
-    """What says first where the drive was; `is_certain`: it needs no confirmation; `is_given`: somebody said it."""
+    """What says first where the drive was; `is_certain`: it needs no confirmation."""
 
     edges: list[Edge]
     told: str
     is_certain: bool = True
-    is_given: bool = False
-
-    def is_confirmed(self, num_joins: int, num_alike: int, num_tried: int) -> bool:
-        """Say whether ranges confirm it: joins that agree, and places where ranges fit, of those that were compared.
-
-        What was searched for is the best of many, so most places must fit. A place that is given is one, and joins
-        that came by chance would be as rare as is stated, also where much of the place has changed.
-        """
-        if self.is_certain:
-            return True
-        is_by_chance = bool(bdtrc(num_joins - 1, num_tried, FALSE_FIT) > FALSE_JOIN)
-        is_alike = num_joins >= MIN_RANGE_JOINS and num_alike >= MIN_CONFIRMED_SHARE * num_tried
-        return is_alike or (self.is_given and not is_by_chance)
 
 
 def join_drive(
@@ -135,24 +112,13 @@ def join_drive(
     load_base = cache(lambda sphere_id: RangeImage.from_sphere(base.load(sphere_id)))
     first = find_first(base, drive, images, T_map_start, run, load_base)
     if not first.edges:
-        first = search_by_ranges(base.graph, drive, load_base, first.told)
-    told, is_confirmed = first.told, False
-    joined = join_graphs(base.graph, drive.graph, first.edges) if first.edges else None
-    for _ in range(NUM_PASSES):  # each time from where the last one ended
-        if joined is None:
-            return Joined(None, told)
-        found, num_alike, num_tried = refine_by_ranges(base.graph, joined, images, load_base)
-        told = f"{first.told}; ranges fit at {num_alike} of {num_tried} places, {len(found)} tell where"
-        edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found])
-        is_confirmed = first.is_confirmed(len(edges), num_alike, num_tried)
-        joined = join_graphs(base.graph, drive.graph, edges) if edges else None
-    if joined is None or not is_confirmed:
-        return Joined(None, told)
+        return Joined(None, first.told)
+    joined = Joined(join_graphs(base.graph, drive.graph, first.edges), first.told)
     if not first.is_certain:
-        rival_m = find_rival(find_places(base.graph, joined, images, load_base), load_base)
-        if rival_m > 0.0:
-            return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away")
-    return Joined(join_closely(base, drive, joined, run), told)
+        joined = confirm_by_ranges(base.graph, drive.graph, images, joined, load_base)
+    if joined.graph is None:
+        return joined
+    return Joined(join_closely(base, drive, joined.graph, run), joined.told)
 
 
 def find_first(
@@ -174,13 +140,12 @@ def find_first(
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
         start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
-        given = First([start], f"{told}; a start was given", is_certain=False, is_given=True)
+        given = First([start], f"{told}; a start was given", is_certain=False)
         return confirm_by_parts(base, drive, given)
     joins = find_joins(base, drive, run)
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
-    load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
-    found = search_by_parts(base, drive, lambda a, b: guess_headings(load_base(a), load_drive(b)))
+    found = search_by_parts(base, drive, load_base)
     searched = First(found, f"{told}; {joins}")
     return confirm_by_parts(base, drive, searched) if found else searched
 
@@ -194,6 +159,31 @@ def confirm_by_parts(base: Submap, drive: Submap, first: First) -> First:
     return First(edges, told) if edges else first
 
 
+def confirm_by_ranges(
+    base: SphereGraph,
+    drive: SphereGraph,
+    images: Sequence[DriveSphere],
+    given: Joined,
+    load_base: Callable[[int], RangeImage],
+) -> Joined:
+    """Return the drive where ranges put it from a given start; without a graph where they fit by chance, or elsewhere.
+
+    Joins that came by chance would be as rare as is stated, also where much of the place has changed.
+    """
+    told, joined, num_joins, num_tried = given.told, given.graph, 0, 0
+    for _ in range(NUM_PASSES):  # each time from where the last one ended
+        if joined is None:
+            return Joined(None, told)
+        found, num_alike, num_tried = refine_by_ranges(base, joined, images, load_base)
+        told = f"{given.told}; ranges fit at {num_alike} of {num_tried} places, {len(found)} tell where"
+        edges = agreeing(base, drive, found)
+        num_joins, joined = len(edges), join_graphs(base, drive, edges) if edges else None
+    if joined is None or bdtrc(num_joins - 1, num_tried, FALSE_FIT) > RARE:
+        return Joined(None, told)
+    rival_m = find_rival(find_places(base, joined, images, load_base), load_base)
+    return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away") if rival_m else Joined(joined, told)
+
+
 def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
     """Yield for each key sphere of the drive the join by the nearest image that the localizer was sure of."""
     nearest: dict[int, tuple[float, DriveSphere]] = {}
@@ -205,8 +195,8 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
                 nearest[image.track.key_id] = away_m, image
     for away_m, image in nearest.values():
         assert image.located is not None
-        one, floor = image.located, np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away_m, EDGE_FLOOR[1]], 3) ** 2
-        yield edge_to_key(one.a, image.track, one.T_a_sphere, one.covariance, floor)
+        one = image.located
+        yield edge_to_key(one.a, image.track, one.T_a_sphere, one.covariance, least_variances(away_m))
 
 
 def edge_to_key(a: int, track: Track, T_a_sphere: SE3, covariance: Array, floor: Array) -> Edge:
@@ -214,20 +204,6 @@ def edge_to_key(a: int, track: Track, T_a_sphere: SE3, covariance: Array, floor:
     adjoint = track.T_key_sphere.adjoint()
     information = symmetric_inverse(adjoint @ covariance @ adjoint.T + np.diag(floor))
     return Edge(a, track.key_id, T_a_sphere @ track.T_key_sphere.inverse(), information, is_loop=True)
-
-
-def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeImage], told: str = "") -> First:
-    """Return the places of some key spheres of the drive that their ranges agree on."""
-    edges = []
-    for node in spread(drive.graph, NUM_SEARCHED[0]):
-        own = RangeImage.from_sphere(drive.load(node.id))
-        fits = [(one.id, fit) for one in spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
-        best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
-        edges += [Edge(a, node.id, fit.T_a_b, symmetric_inverse(fit.covariance), is_loop=True) for a, fit in best]
-    found = agreeing(base, drive.graph, edges)
-    is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
-    found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
-    return First(found, f"{told}; by ranges {len(edges)} places, {len(found)} of these agree", is_certain=False)
 
 
 def refine_by_ranges(
@@ -287,32 +263,3 @@ def find_rival(places: Sequence[Place], load_base: Callable[[int], RangeImage]) 
         if max(agreement(away_m, heading) for heading in headings) > here - lead:
             return away_m
     return 0.0
-
-
-def _fit_all(a: RangeImage, b: RangeImage) -> list[RangeFit]:
-    """Return the motions between two spheres that ranges allow, where only the upright axis is known: a box has two."""
-    headings, found = guess_headings(a, b), list[RangeFit]()
-    for heading in headings.tolist():
-        fit = measure_motion_by_ranges(a, b, SE3.from_planar(0.0, 0.0, heading))
-        if fit is not None and all(is_apart(fit.T_a_b, other.T_a_b.inverse()) for other in found):
-            found.append(fit)
-    return found
-
-
-def guess_headings(a: RangeImage, b: RangeImage) -> Array:
-    """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
-    if not (a.camera.is_whole and b.camera == a.camera):
-        return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
-    one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
-    spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))
-    likeness = np.fft.irfft(spectrum.sum(axis=0), a.camera.width)  # of `a` with `b` moved left by so many columns
-    is_peak = (likeness >= np.roll(likeness, 1)) & (likeness > np.roll(likeness, -1))
-    shifts = np.flatnonzero(is_peak)
-    best = shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]]
-    return np.asarray(best * (2.0 * np.pi / a.camera.width), np.float64)
-
-
-def _without_mean(image: Floats) -> Array:
-    """Return an image (H, W) less the mean of each row, 0 where it is NaN."""
-    known = np.ma.masked_invalid(image.astype(np.float64))
-    return np.asarray((known - known.mean(axis=1, keepdims=True)).filled(0.0), np.float64)

@@ -3,16 +3,23 @@
 An alignment that ended in a wrong valley has rarely anything that holds it there from the other side: in a street, one
 of a hundred pairs has, where "it did not move" explains rows of like windows from both sides. So features are heard,
 too, where there are enough. What all agree on is an edge, with a covariance that knows how far they do not.
+
+Head lamps move with the vehicle, and by night grey levels say that it stands; edges do not. Parts of the images
+(`photometric/parts`) prove a motion if either way, each from the first guess, more parts agree than by chance, one in
+so many of all that are tried, and both ways are one motion.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sphere_mapping.constants import (
     EDGE_FLOOR,
     MAX_FROM_FEATURES,
     MAX_PAIR_MAD,
+    MAX_PARTS_CHANCE,
     MIN_INLIERS,
     MIN_NCC,
     MIN_PAIR_NCC,
@@ -20,12 +27,16 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import REGISTRATION
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.photometric.align.judgement import GOOD
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
+from sphere_nav.spheres.constants import EDGE_SHARE
 from sphere_nav.spheres.graph import Edge
 from sphere_nav.spheres.range_alignment import is_apart, meet
 
@@ -133,6 +144,11 @@ def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
     return MeasuredMotion(*meet(T_there, T_back, fits, EDGE_FLOOR), forward)
 
 
+def least_variances(length_m: float) -> Array:
+    """Return the variances (6,) that no measured motion of a length falls below."""
+    return np.repeat([EDGE_FLOOR[0] + EDGE_SHARE * length_m, EDGE_FLOOR[1]], 3) ** 2
+
+
 def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:
     """Say whether one way alone could be true."""
     return (
@@ -141,3 +157,26 @@ def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:
         and alignment.ncc >= MIN_PAIR_NCC
         and alignment.overlap >= MIN_PAIR_OVERLAP * reference.coverage
     )
+
+
+def measure_motion_by_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> TwoWayMotion | None:
+    """Return the motion between two spheres from a first guess; None unless both ways are proven and are one motion."""
+    forward = align_parts(a, b, T_a_b)
+    if forward.chance > MAX_PARTS_CHANCE:
+        return None
+    back = align_parts(b, a, T_a_b.inverse())
+    if back.chance > MAX_PARTS_CHANCE:
+        return None
+    T_there, T_back = forward.T_world_body, back.T_world_body
+    gap = (T_back @ T_there).log()  # A -> B composed with B -> A, axes of B
+    adjoint = T_there.inverse().adjoint()
+    floor = np.diag(least_variances(float(np.linalg.norm(T_there.translation))))
+    both = forward.covariance + adjoint @ back.covariance @ adjoint.T
+    if squared_mahalanobis(gap, both + floor) > gate(6):
+        return None
+    return TwoWayMotion(*meet(T_there, T_back, 0.5 * both, EDGE_FLOOR))
+
+
+def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3) -> PartsAlignment:
+    """Return T_a_b by the image of `b` and the ranges of `a`."""
+    return register_parts([RigImage(b.pyramid, views=(a.at(SE3.identity()),))], T_a_b, REGISTRATION)

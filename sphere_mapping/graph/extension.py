@@ -11,13 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sphere_mapping.constants import (
-    DRIFT_GATE,
     MAX_SEEDS,
     MIN_JOINS,
     MIN_LEAD,
-    NUM_TRIED,
 )
-from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
+from sphere_mapping.graph.loop_closure import drifted, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.verification import Run, find_candidates, look_up, verify_all, verify_pairs
 from sphere_nav.geometry import SE3
@@ -56,7 +54,7 @@ def find_joins(base: Submap, drive: Submap, run: Run = map) -> Joins:
     nodes = list(drive.graph)
     found = list(run(find_candidates, (look_up(base.index, drive.index.features[node.id]) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
-    best = ((newer, sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]) for newer, found in alike)
+    best = ((newer, sorted(found, key=lambda one: -one.num_inliers)) for newer, found in alike)
     aligned = verify_all(best, base.load, drive.load, run)
     return Joins(agreeing(base.graph, drive.graph, aligned), len(nodes), len(alike), len(aligned))
 
@@ -112,9 +110,7 @@ def _like(seed: Edge, base: SphereGraph, drive: SphereGraph, edges: Sequence[Edg
         if edge.a not in in_base or edge.b not in in_drive:
             return False
         way = in_base[edge.a] + in_drive[edge.b]
-        expected = T_base_drive @ drive[edge.b].T_map_sphere
-        distance, angle = expected.distance(base[edge.a].T_map_sphere @ edge.T_a_b)
-        sigma_m, sigma_rad = drift(way)
-        return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
+        expected = drifted(T_base_drive @ drive[edge.b].T_map_sphere, way)
+        return expected.allows(base[edge.a].T_map_sphere @ edge.T_a_b)
 
     return [edge for edge in edges if is_like(edge)]

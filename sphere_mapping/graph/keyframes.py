@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sphere_mapping.constants import MAX_GRAY, MIN_INLIER_SHARE
+from sphere_mapping.constants import MIN_INLIER_SHARE
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
@@ -48,7 +48,7 @@ def why_key_sphere(
     Eq. 12 on whole spheres; a partial sphere also loses sight of its reference, and one that drives into its view
     sees everything larger long before the residual says so. Overlap is counted of what has a range and could overlap.
     """
-    if alignment.mad > params.max_mad_share * MAX_GRAY:
+    if alignment.mad > params.max_mad_share * 255.0:
         return MAD
     if alignment.overlap < params.min_overlap * reference.coverage:
         return OVERLAP

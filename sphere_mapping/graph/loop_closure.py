@@ -17,16 +17,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from sphere_mapping.constants import (
     DRIFT,
-    DRIFT_GATE,
     DRIFT_START,
-    FARTHEST_PASSED_M,
     MAX_AWAY,
     MIN_DETOUR,
     MIN_LEAD,
     NUM_OLDER,
     SAME_PLACE_M,
 )
-from sphere_mapping.graph.optimum import optimize_map
+from sphere_mapping.graph.motion import Expectation
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import (
     Candidate,
@@ -106,16 +104,15 @@ class LoopCloser:
 
 
 def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
-    """Return the key spheres that the way to one has passed and not come back to, however it may have drifted."""
+    """Return the key spheres that the way to one has passed and not come back to."""
     found, way = list[int](), 0.0
     here = at = graph[newer_id].T_map_sphere.translation
     for sphere_id in range(newer_id - 1, -1, -1):  # those of one drive follow each other
-        if sphere_id not in graph.nodes or way > FARTHEST_PASSED_M:
+        if sphere_id not in graph.nodes:
             break
         there = graph[sphere_id].T_map_sphere.translation
         way, at = way + float(np.linalg.norm(there - at)), there
-        nearest = float(np.linalg.norm(there - here)) - DRIFT_GATE * drift(way)[0]
-        if way < max(min_way_m, MIN_DETOUR * nearest):
+        if way < max(min_way_m, MIN_DETOUR * float(np.linalg.norm(there - here))):
             found.append(sphere_id)
     return found
 
@@ -144,15 +141,12 @@ def choose_clear(
 
 def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[int, float]) -> bool:
     """Say whether the graph can have drifted by as much as a candidate asks for."""
-    way = ways.get(one.older, np.inf)
-    distance, angle = place_of(graph, one).distance(graph[newer_id].T_map_sphere)
-    sigma_m, sigma_rad = drift(way)
-    return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
+    return drifted(graph[newer_id].T_map_sphere, ways.get(one.older, np.inf)).allows(place_of(graph, one))
 
 
-def drift(way: float) -> tuple[float, float]:
-    """Return the standard deviations in m and rad of the graph over so many metres of way."""
-    return DRIFT_START[0] + DRIFT[0] * way, DRIFT_START[1] + DRIFT[1] * way
+def drifted(T_map_sphere: SE3, way: float) -> Expectation:
+    """Return where a key sphere may truly be, by what the graph drifts over so many metres of way."""
+    return Expectation(T_map_sphere, DRIFT_START[0] + DRIFT[0] * way, DRIFT_START[1] + DRIFT[1] * way)
 
 
 def place_of(graph: SphereGraph, one: Candidate) -> SE3:
@@ -206,11 +200,6 @@ def away(T_a_b: SE3, reach_m: float, is_whole: bool) -> float:
     """Return how far apart two views are: by the reach of the one, and by a radian where they have an edge."""
     distance, angle = SE3.identity().distance(T_a_b)
     return float(distance) / reach_m + (0.0 if is_whole else float(angle))
-
-
-def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
-    """Return the graph with loop edges added, at the poses that fit all edges best."""
-    return optimize_map(graph.with_edges(loops))
 
 
 def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:

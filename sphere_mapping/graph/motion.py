@@ -10,12 +10,11 @@ from sphere_mapping.constants import (
     ACCELERATION,
     CONTRADICTED,
     EXPECTED_FLOOR,
-    EXPECTED_GATE,
-    MAX_EXTRAPOLATION,
     MAX_KNOWN,
     ODOMETRY_SHARE,
     SHARP,
 )
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
@@ -33,9 +32,9 @@ class Expectation:
     is_known: bool = True
 
     def allows(self, T_map_sphere: SE3) -> bool:
-        """Say whether a pose lies within the gate."""
+        """Say whether a pose lies within the gate, three numbers of either deviation."""
         distance, angle = self.T_map_sphere.distance(T_map_sphere)
-        return bool(distance <= EXPECTED_GATE * self.sigma_m and angle <= EXPECTED_GATE * self.sigma_rad)
+        return bool(max(distance / self.sigma_m, angle / self.sigma_rad) ** 2 <= gate(3))
 
     @property
     def is_sharp(self) -> bool:
@@ -87,7 +86,7 @@ class DriveMotion:
             return SE3.identity()
         if T_odom_sphere is not None and self.last.T_odom_sphere is not None:
             return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
-        elapsed = min(max(self._elapsed(stamp_ns), 0.0), MAX_EXTRAPOLATION)  # at constant velocity
+        elapsed = max(self._elapsed(stamp_ns), 0.0)  # at constant velocity
         return self.newest @ SE3.exp(((self.before or self.last).T_map_sphere.inverse() @ self.newest).log() * elapsed)
 
     def velocity(self) -> Array:

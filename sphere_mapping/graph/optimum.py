@@ -6,19 +6,20 @@ Levenberg-Marquardt ends in whatever valley it starts in. So it starts from the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.special import chdtri
 
-from sphere_mapping.constants import COST_TOLERANCE, DESCENT_TOLERANCE, MAX_STEPS, TOO_MUCH
-from sphere_mapping.graph.factors import factors_of, hold, values_of
+from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, ROBUST_WIDTH
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+
+ANGLE_FIRST = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # our (v, omega) in GTSAM's order (omega, v)
 
 
 class Descent(NamedTuple):
@@ -39,11 +40,13 @@ def optimize_map(graph: SphereGraph) -> SphereGraph:
     row = {node.id: number for number, node in enumerate(graph)}
     edges, anchors = factors_of(graph.edges, row), anchors_of(graph)
     anchored = gtsam.NonlinearFactorGraph(edges)
-    hold(anchored, anchors, row)
+    held = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
+    for node in anchors:
+        anchored.add(gtsam.PriorFactorPose3(row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), held))
     best = descend(anchored, edges, lambda: gtsam.InitializePose3.initialize(anchored))
     if best is None or not fits(best.chi2, len(graph.edges) - len(graph) + len(anchors)):
         given = descend(anchored, edges, lambda: values_of(graph, row))
-        if best is None or (given is not None and best.chi2 > given.chi2 * (1 + COST_TOLERANCE)):
+        if best is None or (given is not None and best.chi2 > given.chi2):
             best = given
     if best is None:
         raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
@@ -56,7 +59,6 @@ def descend(
 ) -> Descent | None:
     """Return where Levenberg-Marquardt ends from a start, None where it breaks down; GTSAM's error is half of chi2."""
     settings = gtsam.LevenbergMarquardtParams()
-    settings.setMaxIterations(MAX_STEPS["descent"])
     settings.setRelativeErrorTol(DESCENT_TOLERANCE)
     settings.setAbsoluteErrorTol(0.0)
     try:
@@ -82,4 +84,26 @@ def fits(chi2: float, num_free: int) -> bool:
 
     num_free: edges more than poses need.
     """
-    return chi2 <= (float(chdtri(6 * num_free, TOO_MUCH)) if num_free else 0.0)
+    return chi2 <= (gate(6 * num_free) if num_free else 0.0)
+
+
+def factors_of(edges: Iterable[Edge], row: Mapping[int, int]) -> gtsam.NonlinearFactorGraph:
+    """Return an edge's error as log(T_measured^-1 T_a^-1 T_b) with its full information; edges of loops are robust.
+
+    `row` is the number that the solver has for a key sphere.
+    """
+    factors = gtsam.NonlinearFactorGraph()
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH)
+    for edge in edges:
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(edge.information[ANGLE_FIRST])
+        noise = gtsam.noiseModel.Robust.Create(huber, noise) if edge.is_loop else noise
+        factors.add(gtsam.BetweenFactorPose3(row[edge.a], row[edge.b], gtsam.Pose3(edge.T_a_b.matrix), noise))
+    return factors
+
+
+def values_of(nodes: Iterable[KeySphere], row: Mapping[int, int]) -> gtsam.Values:
+    """Return the poses of key spheres as GTSAM has them."""
+    values = gtsam.Values()
+    for node in nodes:
+        values.insert(row[node.id], gtsam.Pose3(node.T_map_sphere.matrix))
+    return values

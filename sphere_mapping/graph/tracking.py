@@ -8,13 +8,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, NUM_LOST, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
+from sphere_mapping.constants import CONTRADICTED, NUM_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.both_ways import confirm, find_motion, measure_motion, why_denied
+from sphere_mapping.graph.both_ways import confirm, find_motion, measure_motion, measure_motion_by_parts, why_denied
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
-from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
@@ -76,7 +75,7 @@ class SphereTracker:
 
         That key sphere is the newest reference then.
         """
-        if found.is_converged or self.motion.num_lost < NUM_LOST:
+        if found.is_converged or self.motion.num_lost < CONTRADICTED:
             return found
         seen, known = loops.recognize(graph, current), [key_id for key_id, _ in self.references]
         if seen is None or seen.older in known:
@@ -260,7 +259,7 @@ def align_unrolled(
 ) -> tuple[PreparedSphere, Alignment]:
     """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""
     velocity = motion.velocity()
-    for _ in range(MAX_PASSES):
+    for _ in range(NUM_PASSES):
         current = PreparedSphere(unroll(velocity))
         alignment = align(current)
         if not alignment.is_converged:

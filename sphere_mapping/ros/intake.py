@@ -9,6 +9,7 @@ from functools import partial
 from sensor_msgs.msg import CameraInfo
 from sphere_nav_msgs.msg import AugmentedSphere
 
+from sphere_mapping.constants import WAIT_S
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.mount import CameraMount
@@ -43,7 +44,6 @@ TOPICS: dict[str, tuple[str, ...]] = {
     "rgbd": ("image_raw", "camera_info", "depth/image_raw"),
     "stereo": ("left/image_raw", "left/camera_info", "right/image_raw", "right/camera_info"),
 }
-WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its counterpart
 
 
 class Intake:

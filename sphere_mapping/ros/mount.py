@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from sensor_msgs.msg import Imu
 
-from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, MOUNT_WAIT_S, POINTS_STEP
+from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, WAIT_S
 from sphere_mapping.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
@@ -73,7 +73,7 @@ class VehicleFrame:
     def waits(self, stamp_ns: int) -> bool:
         """Whether a live map had better begin a little later: the mount, or the IMU, has not been heard yet."""
         self._first_ns = self._first_ns or stamp_ns
-        is_over = not 0 <= stamp_ns - self._first_ns < MOUNT_WAIT_S * 1e9
+        is_over = not 0 <= stamp_ns - self._first_ns < WAIT_S * 1e9
         if not self._is_live or is_over:
             return False
         has_imu = bool(self._samples) or not self._endpoints.publishers_of("imu")
@@ -88,7 +88,7 @@ class VehicleFrame:
         level = self._find_gravity(sphere.stamp_ns, mount, T_base_body)
         if level is None:
             limit = GROUND_LEAN_RAD if self._is_mounted else MAX_LEAN_RAD
-            points = T_body_sphere.apply(sphere.points(POINTS_STEP)[0])
+            points = T_body_sphere.apply(sphere.points(1)[0])
             level = find_ground(points, T_body_sphere.translation, limit) or Upright(UP)
         return level.T_map_base @ T_base_body.inverse(), level.source
 

@@ -14,7 +14,7 @@ from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
-NUM_LOST = 3
+NUM_LOST = 2
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 ROOM = sharp_room()

@@ -2,60 +2,138 @@
 
 Where cameras a and b see the same point under the angles t_a, t_b from their axes, its levels I there are those of
 one radiance: log I_a - log I_b = e_a - e_b + V_a(t_a) - V_b(t_b), with the exposures e and the falloff
-V(t) = c_1 s + c_2 s^2 + c_3 s^3, s = (t / t_max)^2 of a lens, no c above 0: no lens brightens towards its rim (Goldman
-2010, eq. 3, in logarithms). The falloff is the camera's, the same in all colors and at all times; exposures are one of
-each group and instant. Both are estimated at once by robust least squares, the falloff from the first instants.
+V(t) = c_1 s + c_2 s^2 + c_3 s^3, s = (t / t_max)^2 of a lens (Goldman 2010, eq. 3, in logarithms). The falloff is the
+camera's, the same in all colors and at all times; exposures are one of each group and instant. Both are estimated at
+once by robust least squares, the falloff from the first instants.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from threading import Lock
 
 import cv2
 import numpy as np
-from scipy.optimize import lsq_linear
 from scipy.sparse import block_diag, csr_array, hstack
 
 from sphere_mapping.acquisition.constants import (
-    CORRELATED_DIRECTIONS,
+    EXPOSED,
     EXPOSURE_STD,
     FALLOFF_STD,
     GRID_STEP,
     HIGHLIGHTS,
-    LEAST_COEFFICIENT,
-    LEVEL_STD,
-    LIKE_STD,
     LOSS_SCALES,
+    MAX_GAIN,
+    MAX_SHARED,
     MAX_WHITE_BALANCE,
     MIN_FALLOFF,
+    MIN_MATCHES,
+    NUM_CORRELATED,
     NUM_INSTANTS,
+    OVERLAP_CELL,
+    OVERLAP_GRID,
     RATIO_STD,
-    WHITE,
+    VERY_FAR_M,
 )
-from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, off_axis
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 NUM_POWERS = 3
 
 
 @dataclass(frozen=True, eq=False)
+class Overlap:
+    """Two cameras by number; angles (2, N) in rad and pixels u, v, (1, N) each, of the directions that both see."""
+
+    cameras: tuple[int, int]
+    angles: Array
+    pixels: tuple[tuple[Floats, Floats], tuple[Floats, Floats]]
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What pairs of cameras have in common: their numbers (2, N), angles (2, N) in rad, levels (2, N, channels)."""
+
+    cameras: Integers
+    angles: Array
+    levels: Array
+
+
+class Overlaps:
+    """Where two cameras of a rig see the same directions, everything taken at one distance (0: very far).
+
+    Parallax and time put other things into one direction: whoever uses what they have there must be robust.
+    """
+
+    def __init__(self, rig_views: Sequence[RigView], distance_m: float) -> None:
+        rays = pixel_rays(OVERLAP_GRID) * (distance_m or VERY_FAR_M)
+        self._steps = [_step(rig_view) for rig_view in rig_views]
+        is_inside = [rig_view.project(rays)[2] > 2 * OVERLAP_CELL for rig_view in rig_views]
+        rows = (np.arange(OVERLAP_GRID.height)[:, None] + 0.5) * np.pi / OVERLAP_GRID.height
+        is_even = np.random.default_rng(0).random((OVERLAP_GRID.height, OVERLAP_GRID.width)) < np.sin(rows)
+        self.pairs = []
+        for pair in combinations(range(len(rig_views)), 2):
+            points = rays[is_inside[pair[0]] & is_inside[pair[1]] & is_even]
+            if len(points) >= MIN_MATCHES:
+                chosen = points[None, :: -(-len(points) // MAX_SHARED)]
+                views = [rig_views[k] for k in pair]
+                angles = [off_axis(view.T_sphere_camera.inverse().apply(chosen[0])) for view in views]
+                first, second = (_pixels_of(rig_views[k], chosen, self._steps[k]) for k in pair)
+                self.pairs.append(Overlap(pair, np.stack(angles), (first, second)))
+
+    def compare(self, images: Mapping[int, Bytes]) -> Shared | None:
+        """Return what pairs of the images (h, w[, 3]) by number of the camera have in common; None: nothing."""
+        small = {k: _shrink(image, self._steps[k]) for k, image in images.items()}
+        found, (low, high) = [], EXPOSED
+        for pair in self.pairs:
+            if set(pair.cameras) <= set(images):
+                drawn = [
+                    cv2.remap(small[k], *pixels, cv2.INTER_LINEAR)
+                    for k, pixels in zip(pair.cameras, pair.pixels, strict=True)
+                ]
+                levels = np.stack(drawn).reshape(2, pair.angles.shape[1], -1).astype(np.float64)
+                good = np.all((levels > low) & (levels < high), axis=(0, 2))
+                if (number := np.count_nonzero(good)) >= MIN_MATCHES:
+                    cameras = np.repeat(np.array(pair.cameras)[:, None], number, axis=1)
+                    found.append((cameras, pair.angles[:, good], levels[:, good]))
+        return Shared(*(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))) if found else None
+
+
+def off_axis(points: Array) -> Array:
+    """Return the angle (...,) in rad between the optical axis and points (..., 3) of a camera's frame; NaN for NaN."""
+    return np.arctan2(np.linalg.norm(points[..., :2], axis=-1), points[..., 2])
+
+
+def _step(rig_view: RigView) -> int:
+    camera = rig_view.camera
+    return max(min(round(camera.pixels_per_radian * OVERLAP_CELL), camera.width, camera.height), 1)
+
+
+def _pixels_of(rig_view: RigView, points: Array, step: int) -> tuple[Floats, Floats]:
+    """Return u, v of points (h, w, 3) in a camera's image whose pixels are `step` times as large."""
+    half, (u, v, _) = np.float32(0.5), rig_view.project(points)
+    return (u + half) / np.float32(step) - half, (v + half) / np.float32(step) - half
+
+
+def _shrink(image: Bytes, step: int) -> Floats:
+    """Return the image with pixels `step` times as large; a whole number of pixels each, which is much faster."""
+    height, width = image.shape[0] // step, image.shape[1] // step
+    whole = image[: height * step, : width * step]
+    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
 class PairRatios:
-    """What two cameras say of a point: numbers of cameras and exposures, s (2, N); log ratio (N,), its deviation."""
+    """What two cameras say of a point: numbers of cameras and exposures, s (2, N); log ratio (N,)."""
 
     cameras: Integers
     exposures: Integers
     squares: Array
     ratio: Array
-    std: Array
-
-
-def std_of(first: Array, second: Array) -> Array:
-    """Return the deviation (N,) of the logarithm of the ratio of grey levels (N,)."""
-    return np.sqrt(RATIO_STD**2 + np.square(LEVEL_STD / first) + np.square(LEVEL_STD / second))
 
 
 def falloff(coefficients: Array, squares: Array) -> Array:
@@ -64,17 +142,10 @@ def falloff(coefficients: Array, squares: Array) -> Array:
 
 
 class Falloff:
-    """The falloff of all cameras, by what instants have said of it so far.
+    """The falloff of so many cameras, by what instants have said of it so far."""
 
-    kinds: (number of cameras,), equal where lenses are of one kind.
-    """
-
-    def __init__(self, kinds: Sequence[object]) -> None:
-        self.coefficients = np.zeros((len(kinds), NUM_POWERS))
-        alike = np.array([[one == other for other in kinds] for one in kinds], np.float64)
-        apart = np.diag(alike.sum(axis=1)) - alike  # x' apart x: squared differences of lenses of one kind
-        size = self.coefficients.size
-        self._prior = np.eye(size) / FALLOFF_STD**2 + np.kron(apart, np.eye(NUM_POWERS)) / LIKE_STD**2
+    def __init__(self, number: int) -> None:
+        self.coefficients = np.zeros((number, NUM_POWERS))
         self._seen: list[PairRatios] = []
 
     def update(self, seen: PairRatios, num_exposures: int) -> None:
@@ -82,18 +153,16 @@ class Falloff:
         self._seen.append(seen)
         exposures = block_diag([design(one, num_exposures) for one in self._seen], format="csr")
         rows = hstack([np.concatenate([self._powers(one) for one in self._seen]), exposures], format="csr")
-        ratio, std = (np.concatenate([getattr(one, name) for one in self._seen]) for name in ("ratio", "std"))
+        ratio = np.concatenate([one.ratio for one in self._seen])
         size, count = self.coefficients.size, exposures.shape[1]
-        prior = block_diag([self._prior, np.eye(count) / EXPOSURE_STD**2]).toarray()
-        low, high = np.full(size + count, -np.inf), np.full(size + count, np.inf)
-        low[:size], high[:size] = LEAST_COEFFICIENT, 0.0
-        self.coefficients = descend(rows, ratio, std, prior, (low, high))[:size].reshape(-1, NUM_POWERS)
+        deviations = np.repeat([FALLOFF_STD, EXPOSURE_STD], [size, count])
+        self.coefficients = descend(rows, ratio, deviations)[:size].reshape(-1, NUM_POWERS)
 
     def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
-        prior, free = np.eye(num_exposures) / EXPOSURE_STD**2, np.full(num_exposures, np.inf)
-        values = descend(csr_array(design(seen, num_exposures)), ratio, seen.std, prior, (-free, free))
+        deviations = np.full(num_exposures, EXPOSURE_STD)
+        values = descend(csr_array(design(seen, num_exposures)), ratio, deviations)
         return values - values.mean()
 
     def _powers(self, seen: PairRatios) -> Array:
@@ -112,17 +181,17 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     return alone[seen.exposures[0]] - alone[seen.exposures[1]]
 
 
-def descend(rows: csr_array, ratio: Array, std: Array, prior: Array, bounds: tuple[Array, Array]) -> Array:
+def descend(rows: csr_array, ratio: Array, deviations: Array) -> Array:
     """Return what explains ratios (N,) by rows (N, M) best, Cauchy's loss narrowed.
 
-    prior: information (M, M) about 0.
+    deviations: (M,), about 0, before anything is seen.
     """
     values: Array = np.zeros(rows.shape[1])
     for scale in LOSS_SCALES:
-        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * std))) / (CORRELATED_DIRECTIONS * std**2)
-        upper = np.linalg.cholesky(prior + (rows.T @ rows.multiply(weight[:, None])).toarray()).T
-        target = np.linalg.solve(upper.T, rows.T @ (weight * ratio))
-        values = lsq_linear(upper, target, bounds, method="bvls").x
+        weight = cauchy_weights(np.square((ratio - rows @ values) / (scale * RATIO_STD)))
+        weight = weight / (NUM_CORRELATED * RATIO_STD**2)
+        information = np.diag(1.0 / deviations**2) + (rows.T @ rows.multiply(weight[:, None])).toarray()
+        values = np.linalg.solve(information, rows.T @ (weight * ratio))
     return values
 
 
@@ -130,10 +199,10 @@ def apply_gain(image: Bytes, gain: Array) -> Bytes:
     """Return the image (h, w[, 3]) times its gain (channels,); what is white stays white."""
     if np.all(np.abs(gain - 1.0) < 1e-3):
         return image
-    before = np.arange(256)[:, None]
+    before, white = np.arange(256)[:, None], EXPOSED[1]
     after = before * gain
-    rise = (before - WHITE) / (255 - WHITE)
-    after = np.where((rise > 0) & (gain < 1.0), WHITE * gain + rise * (255 - WHITE * gain), after)
+    rise = (before - white) / (255 - white)
+    after = np.where((rise > 0) & (gain < 1.0), white * gain + rise * (255 - white * gain), after)
     levels = np.clip(np.rint(after), 0, 255).astype(np.uint8)
     return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
@@ -144,19 +213,17 @@ Learned = tuple[Array, dict[str, Floats]]  # coefficients of the falloff, and `L
 class Light:
     """Learns the falloff of a rig's lenses from its first instants, and finds the gains of every instant anew.
 
-    groups: by camera, who shares an exposure. max_gain: largest factor of an exposure over the mean of all.
+    groups: by camera, who shares an exposure.
     """
 
-    def __init__(
-        self, rig_views: Sequence[RigView], groups: Mapping[str, str], distance_m: float, max_gain: float
-    ) -> None:
+    def __init__(self, rig_views: Sequence[RigView], groups: Mapping[str, str], distance_m: float) -> None:
         self._rig_views = {rig_view.name: rig_view for rig_view in rig_views}
-        self._names, self._max_gain = list(self._rig_views), max_gain
+        self._names = list(self._rig_views)
         self._kinds = sorted(set(groups.values()))
         self._group = [self._kinds.index(groups[name]) for name in self._names]
         self._overlaps = Overlaps(rig_views, distance_m)
         self._angles, self._largest = zip(*(_angles(rig_view) for rig_view in rig_views), strict=True)
-        self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
+        self.falloff = Falloff(len(rig_views))
         self._num_seen, self._lock = 0, Lock()
         self._factors: dict[str, Floats] = {}  # by which an image is multiplied
         self._coarse: dict[str, Floats] = {}  # the same, one number for `GRID_STEP` px
@@ -198,7 +265,7 @@ class Light:
         logs = np.log(shared.levels)[..., colors].reshape(*shared.cameras.shape, -1).mean(axis=2)
         squares = np.square(shared.angles / np.array(self._largest)[shared.cameras])
         groups = np.array(self._group)[shared.cameras]
-        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1], std_of(*np.exp(logs)))
+        return PairRatios(shared.cameras, groups, squares, logs[0] - logs[1])
 
     def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))
@@ -217,7 +284,7 @@ class Light:
     def _gains(self, seen: Sequence[PairRatios]) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
         logs = np.column_stack([-self.falloff.exposures(color, len(self._kinds)) for color in seen])
-        gray, most, apart = logs.mean(axis=1, keepdims=True), 0.5 * np.log(self._max_gain), np.log(MAX_WHITE_BALANCE)
+        gray, most, apart = logs.mean(axis=1, keepdims=True), 0.5 * np.log(MAX_GAIN), np.log(MAX_WHITE_BALANCE)
         return np.exp(np.clip(gray, -most, most) + np.clip(logs - gray, -apart, apart))
 
     def _headroom(self, images: Mapping[str, Bytes], gains: Array) -> float:
@@ -247,9 +314,3 @@ def _angles(rig_view: RigView) -> tuple[Array, float]:
     angle = off_axis(camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)))
     is_usable = (cv2.resize(rig_view.border, size, interpolation=cv2.INTER_NEAREST) > 0) & np.isfinite(angle)
     return np.nan_to_num(angle, nan=np.pi), float(angle[is_usable].max()) if is_usable.any() else 1.0
-
-
-def _kind(rig_view: RigView) -> tuple[object, ...]:
-    """Return what lenses of one kind have in common: model, size, and focal length within some percent."""
-    camera = rig_view.camera
-    return type(camera), camera.width, camera.height, round(float(np.log(camera.pixels_per_radian)) / 0.05)

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
+from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 
@@ -20,20 +20,27 @@ def inverse_depth(depth_m: NDArray[np.floating]) -> Floats:
     return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
 
 
-def sample_inverse(inverse: Floats, u: Floats, v: Floats, max_step: float = MAX_DEPTH_STEP) -> Floats:
+def sample_inverse(inverse: Floats, u: Floats, v: Floats) -> Floats:
     """Return inverse depth at pixels u, v (H, W), never mixed across an edge; NaN outside.
 
     Linear (as a plane's is in the pixels of a pinhole) where the four neighbours are measured and differ by at most
-    max_step of the largest, else that of the nearest pixel.
+    MAX_DEPTH_STEP of the largest, else that of the nearest pixel.
     """
     four, known = np.ones((2, 2), np.uint8), np.nan_to_num(inverse, nan=-1.0)
     largest, least = (extreme(known, four, anchor=(0, 0)) for extreme in (cv2.dilate, cv2.erode))
-    is_smooth = largest - least <= max_step * largest
+    is_smooth = largest - least <= MAX_DEPTH_STEP * largest
     height, width = inverse.shape
     row, column = (np.clip(np.floor(at), 0, last).astype(np.intp) for at, last in ((v, height - 2), (u, width - 2)))
     nearest = cv2.remap(inverse, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
     linear = cv2.remap(inverse, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(is_smooth[row, column] & ~np.isnan(nearest), linear, nearest)
+
+
+def pixels_of(points: Array, camera: Camera) -> tuple[Floats, Floats, Flags]:
+    """Return u, v of points (H, W, 3) in the frame of the camera and which of them are seen."""
+    pixels, visible = camera.project(points)
+    u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
+    return u, v, visible
 
 
 def draw_nearest(points: Array, target: Camera, size: int) -> Floats:
@@ -94,10 +101,9 @@ class DepthRegistration:
 
     def _measure(self, inverse: Floats, points: Array) -> Array:
         """Return the depth that `camera` measured in the direction of points (H, W, 3)."""
-        pixels, _ = self._camera.project(points)
-        u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
+        u, v, _ = pixels_of(points, self._camera)
         with np.errstate(divide="ignore"):
-            return 1.0 / sample_inverse(inverse, u, v, MAX_SURFACE_STEP).astype(np.float64)
+            return 1.0 / sample_inverse(inverse, u, v).astype(np.float64)
 
 
 @lru_cache(maxsize=16)

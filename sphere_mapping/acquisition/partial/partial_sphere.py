@@ -21,11 +21,15 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     MAX_MAGNIFICATION,
-    MAX_SUPERSAMPLING,
     MIN_RANGE_M,
-    WITHOUT_RANGE_M,
+    VERY_FAR_M,
 )
-from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, inverse_depth, sample_inverse
+from sphere_mapping.acquisition.partial.depth_registration import (
+    DepthRegistration,
+    inverse_depth,
+    pixels_of,
+    sample_inverse,
+)
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical, so3
@@ -100,7 +104,7 @@ def _resample_rolling(view: RgbdView, window: Spherical, twist: Array) -> tuple[
     rays = _camera_rays(rotation.tobytes(), window).astype(np.float32)
     velocity, omega = (twist.reshape(2, 3) @ rotation).astype(np.float32)
     turn = rays @ so3.hat(omega).T.astype(np.float32)
-    later = _pixels_of(rays - 0.5 * (near[..., None] * velocity + turn), camera)  # by half a readout
+    later = pixels_of(rays - 0.5 * (near[..., None] * velocity + turn), camera)  # by half a readout
     du, dv = 2.0 * (u - later[0]), 2.0 * (v - later[1])
     share = np.asarray(row_share(v, camera.height) / np.maximum(1.0 + dv / camera.height, 0.5), np.float32)
     u, v = u - share * du, v - share * dv
@@ -118,9 +122,9 @@ def resample_image(
 ) -> tuple[Bytes, Flags]:
     """Return the image (height, width[, 3]) in the window and which of its pixels the camera sees."""
     if np.any(T_sphere_camera.translation):
-        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
+        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=VERY_FAR_M)
         points = pixel_rays(window) * everywhere[..., None]
-        u, v, seen = _pixels_of(T_sphere_camera.inverse().apply(points), camera)
+        u, v, seen = pixels_of(T_sphere_camera.inverse().apply(points), camera)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     else:
         u, v, seen, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
@@ -154,13 +158,6 @@ def resample_nearest(values: Floats, camera: Camera, T_sphere_camera: SE3, windo
     return np.where(seen, sampled, np.float32(np.nan))
 
 
-def _pixels_of(points: Array, camera: Camera) -> tuple[Floats, Floats, Flags]:
-    """Return u, v of points (H, W, 3) in the frame of the camera and which of them are seen."""
-    pixels, visible = camera.project(points)
-    u, v = np.ascontiguousarray(np.moveaxis(np.nan_to_num(pixels, nan=-1e4), -1, 0), dtype=np.float32)
-    return u, v, visible
-
-
 @lru_cache(maxsize=4)
 def _camera_rays(rotation: bytes, window: Spherical) -> Array:
     """Return the unit rays (H, W, 3) of a window in the frame of the camera."""
@@ -171,13 +168,13 @@ def _camera_rays(rotation: bytes, window: Spherical) -> Array:
 def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, Floats]:
     """Return u, v, what is seen and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
     rays = _camera_rays(rotation, window)
-    return *_pixels_of(rays, camera), rays[..., 2].astype(np.float32)
+    return *pixels_of(rays, camera), rays[..., 2].astype(np.float32)
 
 
 @lru_cache(maxsize=16)
 def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Flags, int]:
     """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
-    steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
+    steps = max(int(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION)), 1)
     _, _, seen, _ = _ray_table(camera, rotation, window)
     finer = replace(
         window,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
-    AGREEMENT_SIGMAS,
     CLOUD_STD_M,
     CONTRADICTION,
     MIN_KNOWN,
@@ -22,6 +21,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import resample_range
 from sphere_mapping.acquisition.partial.window import place_in, window_of
 from sphere_mapping.acquisition.range.levels import around
 from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -46,7 +46,7 @@ def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
         surest = np.argmin(relative, axis=0)[None]
         best, best_std = (np.take_along_axis(planes, surest, axis=0) for planes in (ranges, stds))
         off = np.abs(ranges - best)
-        agrees = is_usable & (off <= np.float32(AGREEMENT_SIGMAS) * np.hypot(stds, best_std))
+        agrees = is_usable & (off * off <= np.float32(gate(1)) * (stds * stds + best_std * best_std))
         denies = is_usable & ~agrees & (relative < surer * relative.min(axis=0)) & (off > share * best)
         weights = np.where(agrees, 1 / np.square(stds), np.float32(0.0))
         total = weights.sum(axis=0)

@@ -18,7 +18,9 @@ RUN_UP = 32  # px around the seam, by which a smoothed path has forgotten where 
 WALL = 12000  # cost beside the first and the last hypothesis
 NUM_TERMS = 7  # of a step: whether cameras see, degrees of freedom, g g, g e, e e, px by x squared, gradient squared
 NUM_SUMS = 10  # over cameras: 1, I, I I, G, G G, G I, du, dv, du^2 + dv^2, squared gradient
-INDEPENDENT = 1.69  # squared 1.3: errors of neighbors are not independent (`constants.STD_FACTOR`)
+INDEPENDENT = (
+    1.69  # squared 1.3: errors of neighbors are not independent, beside the deviation that the residual alone gives
+)
 NUM_DISPARITIES = 48  # searched at each level along columns
 DISPARITY_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts there
 COST_NOISE = 4  # quarter grey levels: added to every such difference, so that noise decides nothing
@@ -212,15 +214,14 @@ def sum_paths(cost, p1, p2, total):
 
 
 @njit(**OPTIONS)
-def choose(total, block, floor, min_ratio, min_margin, found):
+def choose(total, block, floor, min_ratio, found):
     """Write the hypothesis (H, W) f32 of the least smoothed cost, between whole ones; NaN where it is not clearly best.
 
     total, block (H, W, K) i16: smoothed costs, and those of a pixel's own block. The block's least cost beyond two
-    hypotheses must be min_ratio times the one here, `floor` added to both, and the second smoothed cost min_margin
-    times the least. The first hypothesis stands for all that is beyond.
+    hypotheses must be min_ratio times the one here, `floor` added to both. The first hypothesis stands for all that is
+    beyond.
     """
     height, width = found.shape
-    big = np.int16(32767)
     for v in range(height):
         for u in range(width):
             costs, own = total[v, u], block[v, u]
@@ -228,14 +229,9 @@ def choose(total, block, floor, min_ratio, min_margin, found):
             for k in range(1, NUM_HYPOTHESES):
                 if costs[k] < least:
                     best, least = k, costs[k]
-            second = big
-            for k in range(NUM_HYPOTHESES):
-                second = min(second, costs[k] if abs(k - best) > 1 else big)
             here, elsewhere = _least_costs(own, best)
-            is_clear = elsewhere + floor >= min_ratio * (here + floor)
-            is_clear &= np.float32(second) >= min_margin * np.float32(least)
             found[v, u] = np.nan
-            if is_clear and best < NUM_HYPOTHESES - 2:
+            if elsewhere + floor >= min_ratio * (here + floor) and best < NUM_HYPOTHESES - 2:
                 found[v, u] = best
                 if best > 0:
                     before, after = np.float32(costs[best - 1]), np.float32(costs[best + 1])

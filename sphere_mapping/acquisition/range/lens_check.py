@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
-import cv2
 import numpy as np
 
 from sphere_mapping.acquisition.constants import (
@@ -16,14 +15,14 @@ from sphere_mapping.acquisition.constants import (
     LENS_FEATURES,
     LENS_SIDE,
     MAX_RAYS_DEG,
-    MIN_LENS_MATCHES,
+    MIN_MATCHES,
     MIN_SHARED_VIEW,
     OTHER_CAMERAS,
     OTHER_DISTORTIONS,
     OTHER_LENS,
-    RAY_GRID,
+    OUTLINE_RAYS,
 )
-from sphere_mapping.acquisition.range.rectification import Matches, pair_descriptors, rays_of
+from sphere_mapping.acquisition.range.rectification import Matches, find_features, pair_descriptors, rays_of
 from sphere_mapping.acquisition.range.semi_global import shrink
 from sphere_mapping.acquisition.range.sweep_tables import shared_view
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig
@@ -51,7 +50,7 @@ def check_info(name: str, ours: Camera, theirs: Camera) -> None:
 
 def _angle_between(ours: Camera, theirs: Camera) -> float:
     """Return the median angle in degrees between the rays of two calibrations of one image."""
-    u, v = np.meshgrid(np.linspace(0, ours.width - 1, RAY_GRID), np.linspace(0, ours.height - 1, RAY_GRID))
+    u, v = np.meshgrid(np.linspace(0, ours.width - 1, OUTLINE_RAYS), np.linspace(0, ours.height - 1, OUTLINE_RAYS))
     rays = [camera.unproject(np.stack([u, v], axis=-1)) for camera in (ours, theirs)]
     cosine = np.sum(rays[0] * rays[1], axis=-1)
     return float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
@@ -85,7 +84,7 @@ def check_lenses(rig: Rig, images: Mapping[str, Bytes]) -> None:
     ]
     matches = _match_all(images, pairs)
     num = sum(len(one.pixels_first) for one in matches)
-    if num < MIN_LENS_MATCHES:
+    if num < MIN_MATCHES:
         return
     shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
     name, k1 = max(shares, key=lambda lens: shares[lens])
@@ -121,10 +120,7 @@ def _match_all(images: Mapping[str, Bytes], pairs_of_cameras: Sequence[tuple[str
 
 def _features(image: Bytes) -> tuple[Array, Floats]:
     small, factor = shrink(image, LENS_SIDE)
-    points, descriptors = cv2.SIFT_create(LENS_FEATURES).detectAndCompute(small, None)
-    if descriptors is None:
-        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-    pixels = np.array([point.pt for point in points], np.float64)
+    pixels, descriptors = find_features(small, nfeatures=LENS_FEATURES)
     return (pixels + 0.5) * factor - 0.5, descriptors
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
-    AROUND_BORROWED,
     BORROWED_PX,
-    FROM_UNKNOWN,
+    ERODED_PX,
     JUMP,
+    LEAST_NOISE,
     MIN_OWN_LIKENESS,
     OWN_FLOOR,
     OWN_LEVELS,
@@ -43,6 +43,11 @@ def halve_image(image: NDArray[Any], is_whole: bool) -> NDArray[Any]:
     half = cv2.pyrDown(around(image, 4, is_whole=is_whole))[: height // 2, 2 : 2 + width // 2]
     # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
     return np.ascontiguousarray(half)
+
+
+def noise_of(noise: float, halvings: int) -> float:
+    """Return the deviation of grey levels that halving leaves of a noise: it averages four pixels."""
+    return max(noise / 2**halvings, min(noise, LEAST_NOISE))
 
 
 def interpolate(disparity: Floats, is_whole: bool) -> Floats:
@@ -137,11 +142,7 @@ def is_borrowed(top: Bytes, bottom: Bytes, disparity: Floats, *, is_whole: bool)
         cv2.accumulate(products[beside], sums, is_alike)
     likeness = sums[..., 2] / np.sqrt(sums[..., 0] * sums[..., 1] + np.float32(OWN_FLOOR))
     unlike = (~np.isnan(disparity) & ~(likeness >= MIN_OWN_LIKENESS)).astype(np.uint8)
-    reach = 2 * (BORROWED_PX + AROUND_BORROWED)
-    wide = around(unlike, reach, is_whole=is_whole)
-    opened = cv2.morphologyEx(wide, cv2.MORPH_OPEN, np.ones((BORROWED_PX, BORROWED_PX), np.uint8))
-    near = cv2.dilate(opened, np.ones((2 * AROUND_BORROWED + 1, 2 * AROUND_BORROWED + 1), np.uint8))
-    return (unlike | near[:, reach:-reach]) > 0
+    return (unlike | _near_large(unlike, BORROWED_PX, is_whole=is_whole)) > 0
 
 
 def _steady_steps(image: Bytes, u: Floats, v: Floats) -> Floats:
@@ -162,12 +163,15 @@ def twice(plane: NDArray[Any]) -> NDArray[Any]:
 
 def at_unknown(disparity: Floats, *, is_whole: bool) -> Flags:
     """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
-    margin = UNKNOWN_SIDE
-    unknown = around(np.isnan(disparity).astype(np.uint8), margin, is_whole=is_whole)
-    square = np.ones((UNKNOWN_SIDE, UNKNOWN_SIDE), np.uint8)
-    large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
-    near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
-    return near[:, margin:-margin] > 0
+    return _near_large(np.isnan(disparity).astype(np.uint8), UNKNOWN_SIDE, is_whole=is_whole) > 0
+
+
+def _near_large(marked: Bytes, side: int, *, is_whole: bool) -> Bytes:
+    """Return what is in or next to regions of marked pixels (H, W) that hold a square of so many px a side."""
+    margin = side + ERODED_PX
+    large = cv2.morphologyEx(around(marked, margin, is_whole=is_whole), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    near = cv2.dilate(large, np.ones((2 * ERODED_PX + 1, 2 * ERODED_PX + 1), np.uint8))
+    return np.asarray(near[:, margin:-margin], np.uint8)
 
 
 def _extremes(disparity: Floats, kernel: Bytes) -> tuple[Floats, Floats]:

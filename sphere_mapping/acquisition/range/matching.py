@@ -20,8 +20,6 @@ import numpy as np
 
 from sphere_mapping.acquisition.constants import (
     BEYOND_PX,
-    EDGE_PX,
-    LEAST_NOISE,
     MATCH_PX,
     MAX_REFINEMENT,
     MAX_RESIDUAL,
@@ -32,14 +30,12 @@ from sphere_mapping.acquisition.constants import (
     REFINE_RADIUS,
     REFINE_STEPS,
     SMOOTH,
-    STD_FACTOR,
     STEP_LIMIT,
-    STEPS_AGAIN,
     UNEVEN_SHARE,
 )
 from sphere_mapping.acquisition.kernels import compare_images, judge_blocks, smooth, step_blocks
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.kernels import NUM_DISPARITIES
+from sphere_mapping.acquisition.range.kernels import INDEPENDENT, NUM_DISPARITIES
 from sphere_mapping.acquisition.range.levels import (
     around,
     at_jumps,
@@ -48,6 +44,7 @@ from sphere_mapping.acquisition.range.levels import (
     halve_image,
     interpolate,
     is_borrowed,
+    noise_of,
     smooth_around,
     twice,
     uneven_around,
@@ -104,9 +101,8 @@ def match_columns(
             assert coarser is not None
             start = _start_again(start, coarser.value)
         start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
-        num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
-        noise = max(params.noise / 2**k, min(params.noise, LEAST_NOISE))  # halving an image averages four pixels
-        own_params = replace(params, noise=noise)
+        num_steps = REFINE_STEPS if k >= halvings else 1
+        own_params = replace(params, noise=noise_of(params.noise, k))
         own = refine(*levels[k], start, own_params, num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
             is_unknown = np.isnan(own.value)
@@ -168,7 +164,7 @@ def _start_again(matched: Floats, aligned: Floats) -> Floats:
 def _keep_sure(matched: Floats, search: Search) -> Floats:
     """Return matches without stairs, and none near jumps and unknown regions."""
     found = smooth_around(matched, REFINE_RADIUS, is_whole=search.is_whole)
-    near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
+    near_jump = at_jumps(found, REFINE_RADIUS, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
 
@@ -218,7 +214,7 @@ def _refine_strip(
         refined = smooth(refined, REFINE_RADIUS, *SMOOTH)
     inner = slice(margin, margin + value.shape[1])
     own = (plane[:, inner] for plane in (start, refined, information, left))
-    trusted = tuple(map(np.float32, (MAX_REFINEMENT, MAX_RESIDUAL, STD_FACTOR**2, params.calibration_px**2)))
+    trusted = tuple(map(np.float32, (MAX_REFINEMENT, MAX_RESIDUAL, INDEPENDENT, params.calibration_px**2)))
     judge_blocks(*own, _squared_slopes(top)[:, :, inner], trusted, value, std)
 
 

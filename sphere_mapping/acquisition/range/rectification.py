@@ -184,10 +184,8 @@ def _features(rig_view: RigView, image: Bytes, whole: Spherical) -> tuple[Array,
     pole = round(whole.height * POLE_DEG / 180.0)
     seen[:pole], seen[whole.height - pole :] = 0, 0
     view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    points, descriptors = cv2.SIFT_create(**RECTIFY_SIFT).detectAndCompute(view, seen)
-    if descriptors is None:
-        return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
-    rays = whole.unproject([point.pt for point in points])
+    points, descriptors = find_features(view, seen, **RECTIFY_SIFT)
+    rays = whole.unproject(points)
     pixels, _ = rig_view.camera.project(rig_view.T_sphere_camera.inverse().apply(rays * VERY_FAR_M))
     return pixels, rays, descriptors
 
@@ -202,6 +200,14 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
     ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
+
+
+def find_features(image: Bytes, mask: Bytes | None = None, **limits: Any) -> tuple[Array, Floats]:
+    """Return pixels (N, 2) and SIFT descriptors (N, 128) of a grey image (h, w)."""
+    points, descriptors = cv2.SIFT_create(**limits).detectAndCompute(image, mask)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    return np.array([point.pt for point in points], np.float64), descriptors
 
 
 def pair_descriptors(a: Floats, b: Floats, is_far: Flags | None = None) -> Integers:

@@ -18,32 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
-    COARSE_STEPS,
     COST_RADIUS,
     DEPENDENT_SHARE,
     FAR_M,
     GRID_STEP,
-    LEAST_NOISE,
     LEVEL_BLUR_PX,
     MAX_REFINEMENT,
     MAX_RESIDUAL,
     MAX_ROW_STEP,
     MAX_SWEEP_WIDTH,
     MAX_UNLIKE,
+    MIN_BLOCK_SHARE,
+    MIN_COST_RATIO,
     MIN_RANGE_SHARE,
-    MIN_SAMPLED_SHARE,
-    MIN_SWEEP_MARGIN,
     MISALIGNED,
     REFINE_RADIUS,
-    SMOOTH_BETWEEN,
-    SMOOTH_LAST,
-    SPREAD_RADIUS,
-    START_STD_PX,
-    SWEEP_COST_RATIO,
+    REFINE_STEPS,
+    SMOOTH_RADIUS,
+    STEP_LIMIT,
     SWEEP_FLOOR,
     SWEEP_PENALTIES,
     SWEEP_RADIUS,
-    SWEEP_STEP_PX,
 )
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.fusion import Ranged
@@ -57,7 +52,15 @@ from sphere_mapping.acquisition.range.kernels import (
     sum_paths,
     sweep,
 )
-from sphere_mapping.acquisition.range.levels import around, at_unknown, is_unlike, smooth_around, spread_around, twice
+from sphere_mapping.acquisition.range.levels import (
+    around,
+    at_unknown,
+    is_unlike,
+    noise_of,
+    smooth_around,
+    spread_around,
+    twice,
+)
 from sphere_mapping.acquisition.range.semi_global import in_strips, in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
@@ -146,7 +149,7 @@ class SphereSweep:
             sum_blocks(cv2.copyMakeBorder(padded, radius, radius, 0, 0, cv2.BORDER_REPLICATE), radius, sums)
         sum_paths(block, *np.array(SWEEP_PENALTIES, np.int16), total)
         found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
-        choose(total, wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
+        choose(total, wide, *np.array([floor, MIN_COST_RATIO], np.float32), found)
         found = smooth_around(found, REFINE_RADIUS - 1, is_whole=True)
         found[at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
@@ -155,18 +158,18 @@ class SphereSweep:
         """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
         from_coarsest, found = len(self._levels) - 1 - k, start
         std, left, unlike = (np.empty_like(start) for _ in range(3))
-        for _ in range(COARSE_STEPS if from_coarsest == 0 else 1):
+        for _ in range(REFINE_STEPS if from_coarsest == 0 else 1):
             found = self._align(k, images, (found, start), sight, (std, left, unlike))
         does_fit = left <= MAX_RESIDUAL
         px = np.float32(self._step / 2**from_coarsest)  # about a pixel of the coarsest level, at this one
         if k > 0:
             found = np.where(does_fit, found, start)  # a finer level, whose blocks are smaller, may tell
-            return smooth_around(found / px, SMOOTH_BETWEEN, is_whole=True) * px, std
+            return smooth_around(found / px, SMOOTH_RADIUS, is_whole=True) * px, std
         std[~does_fit] = np.nan
         found[np.isnan(std)] = np.nan
-        found = smooth_around(found / px, SMOOTH_LAST, is_whole=True)
+        found = smooth_around(found / px, SMOOTH_RADIUS, is_whole=True)
         half = np.ascontiguousarray(found[::2, ::2])
-        spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
+        spread = twice(spread_around(half, COST_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
         return found * px, std
 
@@ -176,9 +179,9 @@ class SphereSweep:
         """Return inverse range (H, W) moved by a step, from itself and its start; write what else `align` does."""
         level, match, out = self._levels[k], self._params.match, np.empty_like(before[0])
         every = min(len(self._levels) - k, MAX_ROW_STEP)  # rows next to each other tell nearly the same
-        noise = SCALE * max(match.noise / 2 ** min(level.halvings), min(match.noise, LEAST_NOISE))
-        least = MIN_SAMPLED_SHARE * (2 * REFINE_RADIUS + 1) ** 2 / every
-        own = (SWEEP_STEP_PX, least, noise**2, START_STD_PX, MAX_REFINEMENT, match.calibration_px, DEPENDENT_SHARE)
+        noise = SCALE * noise_of(match.noise, min(level.halvings))
+        least = MIN_BLOCK_SHARE * (2 * REFINE_RADIUS + 1) ** 2 / every
+        own = (STEP_LIMIT, least, noise**2, MAX_REFINEMENT, MAX_REFINEMENT, match.calibration_px, DEPENDENT_SHARE)
         limits, pictures = np.array([*own, MISALIGNED], np.float32), (images, level.starts, level.sizes, level.scales)
         given = (*before, level.directions, pictures, self._lens, sight.runs[k], sight.first_runs[k])
         numbers = (REFINE_RADIUS, every, limits)

@@ -15,16 +15,14 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from sphere_mapping.acquisition.constants import (
+    FIT_STEPS,
     HALF_PATCH_PX,
     LAST_STEP_PX,
     LEAST_TEXTURE,
-    MAX_OFF_ROW_PX,
     MAX_SHIFT_PX,
     MAX_SLOPE,
-    MIN_TRACKS,
-    MIN_VIEWS,
+    MIN_MATCHES,
     NEAR_DISPARITY_PX,
-    PATCH_STEPS,
 )
 from sphere_mapping.acquisition.stereo.stereo_field import corners_of, follow
 from sphere_mapping.acquisition.stereo.track_fit import Window, motions_of
@@ -91,7 +89,7 @@ def find_patches(
     reach = np.array([1.0, 1.0, HALF_PATCH_PX, HALF_PATCH_PX])  # px that the border of a patch moves by a step of 1
     is_found = np.zeros(len(start), np.bool_)
     active = np.flatnonzero(np.isfinite(start).all(axis=1) & np.isfinite(warps).all(axis=(1, 2)))
-    for _ in range(PATCH_STEPS):
+    for _ in range(FIT_STEPS):
         at = found[active, None] + warps[active]
         at[..., 0] += slopes[active] @ OFFSETS.T
         step = np.einsum("npm,nm->np", pull[active], sample_bilinear(other, at))
@@ -142,7 +140,7 @@ def follow_shifted(lefts: Sequence[Bytes], rights: Sequence[Bytes]) -> Window | 
             seen &= found
         there, found = follow(lefts[k], rights[k], at)
         disparity = at[:, 0] - there[:, 0]
-        seen &= found & (disparity > NEAR_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_OFF_ROW_PX)
+        seen &= found & (disparity > NEAR_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_SHIFT_PX)
         left[k, seen], right_u[k, seen] = at[seen], there[seen, 0]
     return _long_enough(left, right_u)
 
@@ -171,9 +169,9 @@ def follow_planes(
 
 
 def _long_enough(left: np.ndarray, right_u: np.ndarray) -> Window | None:
-    """Return the corners seen in MIN_VIEWS instants or more; instants with too few are cut off."""
-    number = int(np.cumprod((~np.isnan(right_u)).sum(axis=1) >= MIN_TRACKS).sum())
-    if number < MIN_VIEWS:
+    """Return the corners seen in two instants or more, as a motion needs; instants with too few are cut off."""
+    number = int(np.cumprod((~np.isnan(right_u)).sum(axis=1) >= MIN_MATCHES).sum())
+    if number < 2:
         return None
-    followed = ~np.isnan(right_u[MIN_VIEWS - 1])
+    followed = ~np.isnan(right_u[1])
     return Window(left[:number, followed], right_u[:number, followed])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sphere_mapping.acquisition.constants import BELOW_ZERO_PX, MAX_WIDTH_SHARE, MIN_DISPARITY_PX
+from sphere_mapping.acquisition.constants import MAX_WIDTH_SHARE, RECTIFIED_PX
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_view
 from sphere_mapping.acquisition.range.matching import Disparity, Search, match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
@@ -46,7 +46,7 @@ def depth_from_stereo(
     if not (np.isfinite(baseline_m) and baseline_m > 0):
         raise ValueError(f"stereo baseline: expected positive metres, found {baseline_m}")
     disparity = match_pair(left, right, disparities_of_depths(camera, baseline_m, params), params)
-    too_small = ~(disparity.value >= MIN_DISPARITY_PX)
+    too_small = ~(disparity.value >= RECTIFIED_PX)
     relative_std = disparity.std / np.where(too_small, np.nan, disparity.value)
     depth_m = camera.fx * baseline_m / np.where(relative_std <= params.max_relative_std, disparity.value, np.nan)
     return depth_m.astype(np.float32), relative_std.astype(np.float32)
@@ -63,4 +63,4 @@ def match_pair(left: Bytes, right: Bytes, search: Search, params: StereoParams) 
 def disparities_of_depths(camera: Pinhole, baseline_m: float, params: StereoParams) -> Search:
     """Return the disparities from the nearest depth wanted, as far as half the image goes, to below 0."""
     nearest = camera.fx * baseline_m / params.nearest_m
-    return Search(-BELOW_ZERO_PX, min(nearest, MAX_WIDTH_SHARE * camera.width))
+    return Search(-RECTIFIED_PX, min(nearest, MAX_WIDTH_SHARE * camera.width))

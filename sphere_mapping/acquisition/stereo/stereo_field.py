@@ -13,18 +13,16 @@ import cv2
 import numpy as np
 
 from sphere_mapping.acquisition.constants import (
-    BACK_PX,
+    CORNER_PX,
     CORNERS,
+    FIELD_FLOOR_PX,
+    FIELD_PRIOR_PX,
+    FIT_STEPS,
     FLOW,
     MAX_ROWS_APART,
-    MIN_CORNERS,
-    ROW_FLOOR_PX,
-    ROW_LOSS_PX,
-    ROW_PRIOR_PX,
-    ROW_SIGMAS,
-    ROW_STEPS,
+    MIN_MATCHES,
 )
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes, Flags
@@ -68,7 +66,7 @@ class RowFit:
     @property
     def is_significant(self) -> bool:
         """Whether a correction is better than none."""
-        return squared_mahalanobis(self.rows, self.covariance) > ROW_SIGMAS**2 + NUM_ROWS
+        return squared_mahalanobis(self.rows, self.covariance) > gate(NUM_ROWS)
 
 
 def basis_of_rows(x: Array, y: Array) -> Array:
@@ -106,7 +104,7 @@ def follow(first: Bytes, second: Bytes, points: Array) -> tuple[Array, Flags]:
     start = points.astype(np.float32).reshape(-1, 1, 2)
     there, seen, _ = cv2.calcOpticalFlowPyrLK(first, second, start, None, **FLOW)
     back, seen_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **FLOW)
-    is_back = np.linalg.norm((back - start)[:, 0], axis=1) < BACK_PX
+    is_back = np.linalg.norm((back - start)[:, 0], axis=1) < CORNER_PX
     return there[:, 0].astype(np.float64), is_back & (seen[:, 0] > 0) & (seen_back[:, 0] > 0)
 
 
@@ -121,21 +119,21 @@ def match_corners(left: Bytes, right: Bytes) -> tuple[Array, Array]:
 
 def fit_rows(camera: Pinhole, left: Array, right: Array) -> RowFit | None:
     """Return the polynomial of the rows of matches (N, 2), None where there are too few."""
-    if len(left) < MIN_CORNERS:
+    if len(left) < MIN_MATCHES:
         return None
     values = right[:, 1] - left[:, 1]
     A = basis_of_rows(*tangents(camera, right))
-    prior = np.eye(NUM_ROWS) / ROW_PRIOR_PX**2
+    prior = np.eye(NUM_ROWS) / FIELD_PRIOR_PX**2
     rows: Array = np.zeros(NUM_ROWS)
     weights: Array = np.ones(len(values))
-    scale, normal = 8 * ROW_LOSS_PX, prior
-    for _ in range(ROW_STEPS):
+    scale, normal = 8 * CORNER_PX, prior
+    for _ in range(FIT_STEPS):
         weights = cauchy_weights(np.square((values - A @ rows) / scale))
-        normal = (A * weights[:, None]).T @ A / ROW_LOSS_PX**2 + prior
-        rows = np.asarray(np.linalg.solve(normal, (A * weights[:, None]).T @ values / ROW_LOSS_PX**2), np.float64)
-        scale = max(scale / 2, ROW_LOSS_PX)
+        normal = (A * weights[:, None]).T @ A / CORNER_PX**2 + prior
+        rows = np.asarray(np.linalg.solve(normal, (A * weights[:, None]).T @ values / CORNER_PX**2), np.float64)
+        scale = max(scale / 2, CORNER_PX)
     left_over = values - A @ rows
     variance = np.sum(weights * left_over**2) / max(np.sum(weights) - NUM_ROWS, 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) / ROW_LOSS_PX**2), np.float64)
-    covariance = covariance + ROW_FLOOR_PX**2 * np.eye(NUM_ROWS)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) / CORNER_PX**2), np.float64)
+    covariance = covariance + FIELD_FLOOR_PX**2 * np.eye(NUM_ROWS)
     return RowFit(rows, covariance, float(np.median(np.abs(values))), float(np.median(np.abs(left_over))), len(values))

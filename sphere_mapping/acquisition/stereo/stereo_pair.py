@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import FAR_WORSE, FROM_BORDER_PX, MAX_TURN_DEG, MIN_BASELINE_M, NUM_PAIRS
+from sphere_mapping.acquisition.constants import ERODED_PX, FAR_WORSE, MAX_TURN_DEG, MIN_BASELINE_M, NUM_INSTANTS
+from sphere_mapping.acquisition.partial.depth_registration import pixels_of
 from sphere_mapping.acquisition.stereo.stereo_field import (
     RowFit,
     StereoField,
@@ -92,7 +93,7 @@ def _common_camera(left: Camera, R_rectified_left: Array) -> Pinhole:
 class StereoPair:
     """Rectifies images by a geometry, and corrects the right one by a field: a given one, or that of the first rows.
 
-    The rows of the first NUM_PAIRS pairs are compared; each pair that comes makes the correction surer.
+    The rows of the first NUM_INSTANTS pairs are compared; each pair that comes makes the correction surer.
     """
 
     geometry: PairGeometry
@@ -114,7 +115,7 @@ class StereoPair:
 
     def rectify(self, left: Bytes, right: Bytes) -> tuple[Bytes, Bytes]:
         """Return both images (H, W[, 3]) of the rectified pair."""
-        if self.correction is None and len(self._matches) < NUM_PAIRS:
+        if self.correction is None and len(self._matches) < NUM_INSTANTS:
             self._learn(left, right)
         return self._warp(left, self._tables[0]), self._warp(right, self._tables[1])
 
@@ -125,7 +126,7 @@ class StereoPair:
             return None
         (u, v), lens = self._tables[0], self.geometry.left
         inside = (u >= 0) & (v >= 0) & (u <= lens.width - 1) & (v <= lens.height - 1)
-        return cv2.erode(inside.astype(np.uint8), np.ones((2 * FROM_BORDER_PX + 1,) * 2, np.uint8)) > 0
+        return cv2.erode(inside.astype(np.uint8), np.ones((2 * ERODED_PX + 1,) * 2, np.uint8)) > 0
 
     def _learn(self, left: Bytes, right: Bytes) -> None:
         if not self._is_told and not self.geometry.is_rectified:
@@ -170,6 +171,4 @@ def _table(lens: Camera, R_rectified_raw: Array, camera: Pinhole, applied: Stere
     pixels = pixel_grid(camera)
     du, dv = applied.shift(*tangents(camera, pixels))
     rays = camera.unproject(pixels + np.stack([du, dv], axis=-1)) @ R_rectified_raw
-    at, _ = lens.project(rays)
-    u, v = (np.nan_to_num(at[..., k], nan=-1e4).astype(np.float32) for k in range(2))
-    return u, v
+    return pixels_of(rays, lens)[:2]

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_mapping.acquisition.constants import (
-    CORRELATED_CORNERS,
-    TRACK_FLOOR_PX,
+    FIELD_FLOOR_PX,
+    FIELD_PRIOR_PX,
+    FIT_STEPS,
+    NUM_CORRELATED,
     TRACK_LOSS_PX,
-    TRACK_PRIOR_PX,
-    TRACK_STEPS,
 )
 from sphere_mapping.acquisition.stereo.stereo_field import (
     NUM_BOW,
@@ -80,7 +80,7 @@ def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: 
     states = [_State(camera, baseline_m, window) for window in windows]
     columns, inverse = _solve(states, number)
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
-    covariance = inverse * (max(variance, 1e-6) * CORRELATED_CORNERS) + np.diag(TRACK_FLOOR_PX[:number] ** 2)
+    covariance = inverse * (max(variance, 1e-6) * NUM_CORRELATED) + FIELD_FLOOR_PX**2 * np.eye(number)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
 
 
@@ -93,11 +93,11 @@ def motions_of(camera: Pinhole, baseline_m: float, window: Window) -> list[SE3]:
 
 def _solve(states: Sequence[_State], number: int) -> tuple[Array, Array]:
     """Move all states to what explains their pixels; return the numbers of the disparity, and their inverse normal."""
-    columns, prior = np.zeros(number), np.eye(number) / TRACK_PRIOR_PX**2
+    columns, prior = np.zeros(number), np.eye(number) / FIELD_PRIOR_PX**2
     ends = number + np.cumsum([state.size for state in states])  # of motions, after the numbers
     own = [np.r_[:number, end - state.size : end] for state, end in zip(states, ends, strict=True)]
     H: Array = np.zeros((ends[-1], ends[-1]))
-    for step in range(TRACK_STEPS):
+    for step in range(FIT_STEPS):
         H, b = TINY * np.eye(ends[-1]), np.zeros(ends[-1])
         H[:number, :number] += prior
         b[:number] = -prior @ columns

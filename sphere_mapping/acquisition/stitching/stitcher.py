@@ -13,7 +13,6 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import MAX_GAIN
 from sphere_mapping.acquisition.light.light import Learned, Light
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.fusion import (
@@ -48,7 +47,7 @@ class Stitcher:
         self.whole, self.T_rig_sphere = self.layouts.whole, self.layouts.T_rig_sphere
         groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
         views = list(self.layouts.views.values())
-        self._light = Light(views, groups, self.params.blend.distance_m, MAX_GAIN)
+        self._light = Light(views, groups, self.params.blend.distance_m)
         self.stereo: VerticalStereo | SphereSweep | None = None
         if self.params.range != "none":
             kind = VerticalStereo if rig.is_vertical else SphereSweep

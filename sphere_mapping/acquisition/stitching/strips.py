@@ -1,4 +1,8 @@
-"""Where views of a sphere mix: strips along the seams. Everywhere else a pixel is one camera's, to the grey level."""
+"""Where views of a sphere mix: strips along the seams. Everywhere else a pixel is one camera's, to the grey level.
+
+A view is drawn in *tiles*, rectangles of what it shows and what strips mix: a camera that shows a pole has a part in
+all columns, from the one pole to the other, and a third of these is enough.
+"""
 
 from __future__ import annotations
 
@@ -150,3 +154,26 @@ def _runs(columns: Flags, gap: int, align: int) -> list[tuple[int, int]]:
         begin, end = int(first) // align * align, -(-(int(last) + 1) // align) * align
         found.append((begin, end if end > begin else end + width))
     return found
+
+
+ROWS = 4  # cells of a tile: as wide as it is needed anywhere in them
+
+
+def tiles_of(view: int, is_owned: Flags, strips: Sequence[Strip], step: int) -> Iterator[Block]:
+    """Yield the rectangles of the sphere in which a view is needed, in multiples of `step`.
+
+    is_owned: (H, W), where the sphere shows the view.
+    """
+    height, width = (side // step for side in is_owned.shape)
+    is_used: Flags = np.asarray(np.any(is_owned.reshape(height, step, width, step), axis=(1, 3)), np.bool_)
+    for strip in strips:
+        for share in strip.shares:
+            if share.view == view:
+                part = strip.part(share)
+                columns = np.arange(part.column, part.column + part.width, step) // step % width
+                is_used[part.row // step : (part.row + part.height) // step, columns] = True
+    for top in range(0, height, ROWS):
+        used = np.any(is_used[top : top + ROWS], axis=0)
+        edges = np.flatnonzero(np.diff(used, prepend=False, append=False))
+        for first, last in edges.reshape(-1, 2).tolist():
+            yield Block(top * step, first * step, min(ROWS, height - top) * step, (last - first) * step)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import MAX_HALF_TANGENT, TABLE_SIDE, VERY_FAR_M
 from sphere_mapping.acquisition.kernels import warp_by_range
-from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
-from sphere_mapping.acquisition.stitching.tiles import tiles_of
+from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of, tiles_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays

@@ -17,9 +17,9 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
 from sphere_mapping.acquisition.partial.window import full_width_for
-from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
+from sphere_mapping.acquisition.range.vertical import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Bytes

@@ -12,6 +12,7 @@ from sphere_mapping.graph.both_ways import (
     find_motion,
     is_denied,
     measure_motion,
+    measure_motion_by_parts,
     why_denied,
 )
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere
@@ -19,6 +20,7 @@ from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
+from worlds.nightfall import DAY, NIGHT, make_sphere
 from worlds.room import sharp_room
 
 MAX_GAP = (0.05, 0.02)
@@ -127,3 +129,31 @@ def test_what_nothing_foretold_is_held_against_the_way_back_and_against_features
         assert why_denied(A, B, wrong, is_expected=is_expected) == ONE_WAY
         assert why_denied(A, bare, forward, is_expected=is_expected) == ""  # no range, no way back
         assert why_denied(A, bare, wrong, is_expected=is_expected) == ("" if is_expected else FEATURES)
+
+
+T_DAY, T_NIGHT = SE3.from_planar(-1.6, 0.0, 0.0), SE3.from_planar(-1.3, 0.15, 0.06)
+
+
+def prepared_pair():
+    day, night = make_sphere(DAY, T_DAY, is_dark=False), make_sphere(NIGHT, T_NIGHT, is_dark=True)
+    return PreparedSphere(day), PreparedSphere(night)
+
+
+def test_a_motion_is_measured_where_gray_levels_lead_away():
+    a, b = prepared_pair()
+    by_levels = register(b.pyramid, [a.at(SE3.identity())], SE3.identity(), REGISTRATION)
+    true = T_DAY.inverse() @ T_NIGHT
+    assert not by_levels.is_converged or by_levels.T_world_camera.distance(true)[0] > 0.1
+    motion = measure_motion_by_parts(a, b, SE3.identity())
+    assert motion.T_a_b.distance(true)[0] < 0.03
+    xi = (motion.T_a_b.inverse() @ true).log()
+    assert xi @ np.linalg.solve(motion.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
+
+
+def test_an_edge_says_what_was_measured():
+    motion = measure_motion_by_parts(*prepared_pair(), SE3.identity())
+    for is_loop in (False, True):
+        edge = motion.edge(4, 9, is_loop=is_loop)
+        assert (edge.a, edge.b, edge.is_loop) == (4, 9, is_loop)
+        assert edge.T_a_b is motion.T_a_b
+        np.testing.assert_allclose(edge.information @ motion.covariance, np.eye(6), atol=1e-6)

@@ -3,7 +3,7 @@ import numpy as np
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_nav.geometry import SE3
 
-CONTRADICTED, MAX_EXTRAPOLATION = 2, 5.0
+CONTRADICTED = 2
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
 
@@ -19,10 +19,10 @@ def moving(odometry=(None, None)):
     return prior
 
 
-def test_velocity_is_carried_on_in_proportion_to_time_but_over_no_long_gap():
+def test_velocity_is_carried_on_in_proportion_to_time():
     close(moving().predict(200), STEP @ STEP)
     close(moving().predict(150), STEP @ SE3.exp(STEP.log() / 2))
-    close(moving().predict(100_000), STEP @ SE3.exp(STEP.log() * MAX_EXTRAPOLATION))
+    close(moving().predict(700), STEP @ SE3.exp(STEP.log() * 6))
 
 
 def test_the_velocity_at_a_sphere_is_by_those_before_and_after_it():
@@ -60,11 +60,11 @@ def test_an_expectation_is_as_sure_as_what_it_is_made_of():
     np.testing.assert_allclose([expected.sigma_m, expected.sigma_rad], [0.05 + 0.1 * distance, 0.03 + 0.1 * angle])
 
 
-def test_an_expectation_allows_four_deviations_and_is_sharp_up_to_20_cm_and_a_tenth_of_a_radian():
+def test_an_expectation_allows_as_much_as_three_numbers_vary_and_is_sharp_up_to_20_cm_and_a_tenth_of_a_radian():
     for sigmas, is_sharp in (((0.2, 0.1), True), ((0.21, 0.1), False), ((0.2, 0.11), False)):
         expected = Expectation(SE3.identity(), *sigmas)
         assert expected.is_sharp == is_sharp
-        for share, is_allowed in ((3.99, True), (4.01, False)):
+        for share, is_allowed in ((4.03, True), (4.04, False)):
             assert expected.allows(SE3.exp([0.0, share * sigmas[0], 0.0, 0.0, 0.0, 0.0])) == is_allowed
             assert expected.allows(SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, share * sigmas[1]])) == is_allowed
 

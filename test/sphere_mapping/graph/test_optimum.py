@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from sphere_mapping.graph.factors import factors_of, values_of
-from sphere_mapping.graph.optimum import fits, optimize_map
+from sphere_mapping.graph.optimum import factors_of, fits, optimize_map, values_of
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 

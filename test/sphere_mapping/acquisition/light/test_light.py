@@ -29,7 +29,7 @@ def picture(level=200.0, colors=(1.0, 1.0, 1.0)):
 
 def light(masks=None, groups=None):
     views = [rig_view(name, yaw, (masks or {}).get(name)) for name, yaw in YAW.items()]
-    return Light(views, groups or {name: name for name in YAW}, 0.0, 3.0)
+    return Light(views, groups or {name: name for name in YAW}, 0.0)
 
 
 def test_lenses_that_darken_towards_the_rim_get_no_gain():
@@ -79,11 +79,11 @@ def comparison(rng, exposures=(0.0, 0.25), lenses=(TRUE, TRUE), number=600, wron
     ratio = ratio + rng.normal(0, noise, number)
     is_wrong = rng.random(number) < wrong
     ratio[is_wrong] += rng.exponential(1.0, np.count_nonzero(is_wrong))
-    return PairRatios(numbers, numbers, (squares[0], squares[1]), ratio, np.full(number, 0.05))
+    return PairRatios(numbers, numbers, (squares[0], squares[1]), ratio)
 
 
 def test_falloff_and_exposures_are_found_though_a_third_is_wrong(rng):
-    found = Falloff(["lens", "lens"])
+    found = Falloff(2)
     seen = [comparison(rng, wrong=0.3) for _ in range(8)]
     for one in seen:
         found.update(one, 2)
@@ -93,16 +93,10 @@ def test_falloff_and_exposures_are_found_though_a_third_is_wrong(rng):
     np.testing.assert_allclose(np.diff(found.exposures(seen[0], 2)), 0.25, atol=0.05)
 
 
-def test_no_lens_is_said_to_brighten_towards_its_rim(rng):
-    found = Falloff(["lens", "lens"])
-    found.update(comparison(rng, lenses=(-TRUE, -TRUE)), 2)
-    assert found.coefficients.max() <= 0.0
-
-
 def test_a_gain_multiplies_and_white_stays_white():
     image = np.arange(256, dtype=np.uint8).reshape(16, 16)
     darker = apply_gain(image, np.array([0.5])).astype(int)
-    np.testing.assert_array_equal(darker.flat[:236], np.rint(0.5 * np.arange(236)).astype(int))
+    np.testing.assert_array_equal(darker.flat[:246], np.rint(0.5 * np.arange(246)).astype(int))
     assert darker.flat[255] == 255
     assert np.all(np.diff(darker.ravel()) >= 0)
     assert apply_gain(image, np.array([3.0])).flat[100] == 255

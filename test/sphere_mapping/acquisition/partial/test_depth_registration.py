@@ -56,7 +56,7 @@ def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
     inverse[0, 0] = np.nan
     rng = np.random.default_rng(0)
     x, y = (rng.uniform(-0.49, last, (20, 25)).astype(np.float32) for last in (7.49, 5.49))
-    sampled = sample_inverse(inverse, x, y, 0.05)
+    sampled = sample_inverse(inverse, x, y)
     inner = (x >= 1) & (x <= 4) & (y >= 1) & (y <= 5)
     np.testing.assert_allclose(sampled[inner], (0.5 + 0.003 * x - 0.002 * y)[inner], rtol=1e-4)
     nearest = inverse[np.rint(y).astype(int), np.rint(x).astype(int)]

@@ -29,7 +29,7 @@ def test_paths_carry_a_hypothesis_to_where_nothing_is_told():
 
 def judge(smoothed, block):
     found = np.empty((1, 1), np.float32)
-    limits = np.array([486.0, 1.2, 1.05], np.float32)
+    limits = np.array([486.0, 1.2], np.float32)
     kernels.choose(smoothed.reshape(1, 1, K), block.reshape(1, 1, K), *limits, found)
     return found[0, 0]
 
@@ -41,6 +41,5 @@ def test_only_a_hypothesis_that_is_clearly_the_best_is_chosen():
     assert np.isnan(judge(clear, np.full(K, 5000, np.int16)))  # smoothness alone
     repeated = np.minimum(clear, np.roll(clear, 12))
     assert np.isnan(judge(clear, repeated))
-    assert np.isnan(judge(repeated, clear))  # the second smoothed cost is as good
     assert np.isnan(judge(np.roll(clear, K - 31), np.roll(clear, K - 31)))  # beyond the nearest one nothing is compared
     assert judge(np.roll(clear, -30), np.roll(clear, -30)) == 0.0
