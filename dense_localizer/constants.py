@@ -14,7 +14,7 @@ IMAGE_FORGETTING = 0.9
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
 # (test_localizer: errors of a drive).
 MIN_STEP_PX = 0.04
-MAX_MAD = 40.0  # grey levels: an alignment that leaves more is refused (photometric/align/test_judgement)
+MAX_MAD = 40.0  # grey levels: an alignment that leaves more is refused (photometric/align/test_esm)
 
 # Prediction (test_motion_prior)
 GAP_S, GAP_PERIODS = 0.3, 2.0  # a longer pause is a gap, s; of a slower camera, in periods

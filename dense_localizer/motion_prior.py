@@ -33,8 +33,8 @@ from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
-from sphere_nav.photometric.align.judgement import UNKNOWN
+from sphere_nav.photometric.align.esm import UNKNOWN
+from sphere_nav.photometric.align.problem import NO_EXPECTATION, Expectation
 from sphere_nav.spheres.graph import Experience, SphereGraph
 
 SHARES, TINY = np.linspace(0.0, 1.0, 21), np.finfo(float).tiny

@@ -15,7 +15,7 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.constants import PROVEN_IMAGES
 from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 
 
 @dataclass(frozen=True)

@@ -39,18 +39,17 @@ from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
-from sphere_nav.photometric.align.expectation import Expectation
-from sphere_nav.photometric.align.judgement import GOOD, UNKNOWN
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.bias import PoseBias
+from sphere_nav.photometric.align.esm import GOOD, UNKNOWN
+from sphere_nav.photometric.align.problem import Expectation, RigImage
 from sphere_nav.photometric.checks.structure import (
     EVERYTHING,
     NOTHING,
     Aspect,
+    PoseBias,
     Structure,
+    Support,
     find_rig_structure,
 )
-from sphere_nav.photometric.checks.support import Support
 from sphere_nav.photometric.constants import MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
 from sphere_nav.photometric.parts.registration import register_parts
 

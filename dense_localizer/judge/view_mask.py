@@ -31,7 +31,7 @@ from dense_localizer.references.reference import RigChoice
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, RegistrationParams
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.constants import MIN_COSINE_RATIO
 from sphere_nav.photometric.pixels.pyramid import hide
 from sphere_nav.photometric.pixels.samples import cosines_by_cell, sample_images

@@ -16,7 +16,7 @@ from dense_localizer.constants import GROUND_REACH_M, GROUND_SIGMA, MAX_GROUND_S
 from dense_localizer.motion_prior import Prediction
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
+from sphere_nav.photometric.align.problem import NO_EXPECTATION, Expectation
 from sphere_nav.spheres.graph import SphereGraph
 
 ON_GROUND = [2, 3, 4]  # of a tangent vector of the base: height, roll, pitch

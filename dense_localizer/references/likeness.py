@@ -13,9 +13,8 @@ from typing import NamedTuple
 from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD, MIN_LIKENESS_LEAD, NUM_COMPARED_POINTS
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric.align.projection import in_blocks
-from sphere_nav.photometric.align.rotation import correlate
-from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.align.esm import correlate
+from sphere_nav.photometric.pixels.pyramid import Level, in_blocks
 from sphere_nav.spheres.appearance.headings import cut_view, score_headings
 from sphere_nav.spheres.graph import Experience, KeySphere
 

@@ -33,7 +33,7 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.params import between
 from sphere_nav.spheres.graph import Edge, SphereGraph
 

@@ -15,7 +15,7 @@ from dense_localizer.constants import MIN_SPHERES, PIXELS_AGE
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.photometric import Reference, RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import level_cameras
-from sphere_nav.photometric.pixels.selection import holds, renew_selection
+from sphere_nav.photometric.pixels.reference import holds, renew_selection
 
 Wanted = tuple[Reference, SE3, int]  # where it is from the camera, how many pixels
 

@@ -40,10 +40,9 @@ from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.projection import view_cone
-from sphere_nav.photometric.align.rig import RigImage, image_overlap
+from sphere_nav.photometric.align.problem import RigImage, image_overlap
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
-from sphere_nav.photometric.pixels.pyramid import level_cameras
+from sphere_nav.photometric.pixels.pyramid import level_cameras, view_cone
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph

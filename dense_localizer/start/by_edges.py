@@ -17,7 +17,7 @@ from dense_localizer.start.guesses import Guess, select_best
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.constants import CONTRAST_ANGLE
 from sphere_nav.photometric.pixels.contrast import local_contrast
 from sphere_nav.spheres.appearance.headings import GRID, PartedView, cut_view, rank_headings

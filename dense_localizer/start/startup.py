@@ -43,9 +43,9 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
-from sphere_nav.photometric.align.projection import in_blocks, view_cone
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlate
+from sphere_nav.photometric.align.esm import correlate
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.pixels.pyramid import in_blocks, view_cone
 from sphere_nav.spheres.graph import Experience, KeySphere
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from dense_localizer.constants import IMAGE_FORGETTING, MAX_MISMATCH_RATIO, MAX_ROTATION_MISMATCH, MISMATCH_FLOOR
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, register_rotation
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlation_after_turn
+from sphere_nav.photometric.align.esm import correlation_after_turn
+from sphere_nav.photometric.align.problem import RigImage
 
 
 class InterFrame:

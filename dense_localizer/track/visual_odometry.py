@@ -39,10 +39,9 @@ from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.align.problem import MAX_VIEWS, RigImage, share_pixels
 from sphere_nav.photometric.params import between
-from sphere_nav.photometric.pixels.selection import choose_pixels
+from sphere_nav.photometric.pixels.reference import choose_pixels
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from sphere_nav.geometry.cameras.camera import inside
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
-from sphere_nav.photometric.pixels.selection import select
+from sphere_nav.photometric.pixels.reference import select
 
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 

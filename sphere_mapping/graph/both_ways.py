@@ -24,7 +24,7 @@ from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
-from sphere_nav.photometric.align.judgement import GOOD
+from sphere_nav.photometric.align.esm import GOOD
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.graph import Edge
 from sphere_nav.spheres.range_alignment import is_apart, meet

@@ -15,7 +15,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import REGISTRATION
 from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.constants import EDGE_SHARE
 from sphere_nav.spheres.range_alignment import meet

@@ -21,7 +21,7 @@ from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.align.judgement import GOOD
+from sphere_nav.photometric.align.esm import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 

@@ -24,10 +24,9 @@ from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import FrameMotion, Spherical
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.judgement import Alignment
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.bias import LeastSquares
+from sphere_nav.photometric.align.esm import Alignment, register_rig
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import LeastSquares
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,

@@ -1,4 +1,4 @@
-"""An image with range, prepared once so that many images can be aligned with it.
+"""An image with range, prepared once so that many images can be aligned with it, and the choice of its pixels.
 
 Evenly spaced points on a sphere (P of M15 eq. 9), chosen from the pixels of its image.
 
@@ -7,6 +7,9 @@ have moved less than it did. They are left out, all along the way the same error
 
 Rows of latitude and longitude have as many pixels at the poles as at the equator: what is above and below counts many
 times over, and noise there looks like gradients. Of every row as many are kept as its circle has room for.
+
+At run time the most salient of the pixels that the camera sees are selected, s(.) of eq. 16: salient by algorithm 1,
+balanced over the six columns among what is visible: what is best elsewhere says nothing here.
 """
 
 from __future__ import annotations
@@ -23,11 +26,20 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.projection import Floats
-from sphere_nav.photometric.constants import EDGE_PIXELS, EDGE_SHARE
+from sphere_nav.photometric.constants import EDGE_PIXELS, EDGE_SHARE, MAX_SHIFT
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels import kernels
-from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, halve, level_cameras, pad_of
+from sphere_nav.photometric.pixels.pyramid import (
+    Floats,
+    Image,
+    Level,
+    check_image,
+    halve,
+    kernel_camera,
+    kernel_motion,
+    level_cameras,
+    pad_of,
+)
 from sphere_nav.photometric.pixels.squares import Seen, Squares, Steps
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
@@ -212,3 +224,45 @@ def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
         beside = cv2.dilate(is_unseen.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         bare, range_m = np.nan_to_num(bare), np.where(beside, np.float32(np.nan), range_m)
     return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, in_codes(range_m), far))
+
+
+def choose_pixels(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
+    """Return `select`, or the last selection for this camera where it still holds: images of a stream move little."""
+    if not holds(pixels, T_camera_reference, camera, number):
+        renew_selection(pixels, T_camera_reference, camera, number)
+    return pixels.selections[camera, number]
+
+
+def renew_selection(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> None:
+    """Let `choose_pixels` return the selection at another pose."""
+    pixels.selections[camera, number] = select(pixels, T_camera_reference, camera, number)
+
+
+def holds(
+    pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int, max_shift: float = MAX_SHIFT
+) -> bool:
+    """Say whether the image has moved less than a share of its width since the last selection for this camera."""
+    last = pixels.selections.get((camera, number))
+    return last is not None and _image_shift(last, T_camera_reference, camera) <= max_shift * camera.width
+
+
+def select(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
+    """Return the `number` most salient of the pixels that project into the image, in the order of the reference."""
+    squares = pixels.squares.near(T_camera_reference, camera, is_thinned=True)
+    T = kernel_motion(T_camera_reference.matrix)
+    seen = np.empty(squares.places.size * SIDE, np.int32)
+    args = (T, kernel_camera(camera), camera.width, camera.height)
+    chosen = seen[: kernels.find_visible(squares.places, squares.pool, *args, seen)]
+    if chosen.size > number:
+        chosen = kernels.best_of(chosen, squares.keys, number)
+    blocks = empty_to_keep(-(-chosen.size // SIDE) * BLOCK, np.float32)
+    inverse = kernels.gather(squares.pool, chosen, blocks)
+    return Selection(T_camera_reference, blocks, chosen.size, 1.0 / inverse)
+
+
+def _image_shift(last: Selection, T_camera_reference: SE3, camera: Camera) -> float:
+    """Return how far the image has moved since a selection, in pixels: the chord of the turn, and the parallax."""
+    off = T_camera_reference.matrix - last.T_camera_reference.matrix
+    turn = math.sqrt(0.5 * float(np.vdot(off[:3, :3], off[:3, :3])))
+    distance = math.sqrt(float(np.vdot(off[:3, 3], off[:3, 3])))
+    return (turn + distance / last.typical_range) * camera.pixels_per_radian

@@ -20,9 +20,9 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.projection import Floats, kernel_camera, kernel_motion, view_cone
 from sphere_nav.photometric.constants import MAX_VIEWS, MIN_SQUARES, SQUARE_MARGIN
 from sphere_nav.photometric.pixels import kernels
+from sphere_nav.photometric.pixels.pyramid import Floats, kernel_camera, kernel_motion, view_cone
 
 Indices = NDArray[np.int32]
 Steps = NDArray[np.uint16]

@@ -11,9 +11,7 @@ from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.structure import Structure
-from sphere_nav.photometric.checks.support import Support
+from sphere_nav.photometric.checks.structure import PoseBias, Structure, Support
 
 PARAMS = AcceptanceParams()
 TIGHT = np.diag([1e-6] * 3 + [1e-7] * 3)

@@ -19,10 +19,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.structure import EVERYTHING, Aspect, Structure
-from sphere_nav.photometric.checks.support import NO_SUPPORT
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import EVERYTHING, NO_SUPPORT, Aspect, PoseBias, Structure
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room

@@ -12,7 +12,7 @@ from dense_localizer.references.reference import References
 from dense_localizer.track.candidates import align_rig
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

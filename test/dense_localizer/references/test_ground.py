@@ -6,7 +6,7 @@ import pytest
 from dense_localizer.constants import GROUND_SIGMA
 from dense_localizer.references.ground import Ground
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION
+from sphere_nav.photometric.align.problem import NO_EXPECTATION
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 

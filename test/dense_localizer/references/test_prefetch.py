@@ -11,7 +11,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import Reference, prepare_reference
 from sphere_nav.photometric.pixels.pyramid import level_cameras
-from sphere_nav.photometric.pixels.selection import choose_pixels
+from sphere_nav.photometric.pixels.reference import choose_pixels
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES).registration

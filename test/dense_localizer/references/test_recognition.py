@@ -7,7 +7,7 @@ from dense_localizer.start.startup import Startup, decide
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.spheres.graph import KeySphere
 from worlds.localizer import SMALL_IMAGES, MemoryMap, at, locate
 from worlds.room import sharp_room

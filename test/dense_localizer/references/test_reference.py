@@ -12,9 +12,9 @@ from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid, prepare_reference
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
-from sphere_nav.photometric.pixels.selection import holds
+from sphere_nav.photometric.pixels.reference import holds
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

@@ -11,7 +11,7 @@ from dense_localizer.start.search import PoseSearch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from worlds.localizer import SMALL_IMAGES, at, locate, make_map
 from worlds.relit import EdgedRoom, relit
 

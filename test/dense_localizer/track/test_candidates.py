@@ -15,7 +15,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

@@ -11,7 +11,7 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES).registration

@@ -7,11 +7,10 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
-from sphere_nav.photometric.checks.support import find_support
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure, find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
-from sphere_nav.photometric.parts.votes import Votes, vote
+from sphere_nav.photometric.parts.registration import Votes, vote
 from sphere_nav.photometric.pixels.samples import sample_images
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
 from worlds.room import optical, views_of

@@ -8,10 +8,9 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.kernels import UNKNOWN
-from sphere_nav.photometric.pixels.pyramid import halve
+from sphere_nav.photometric.pixels.pyramid import halve, kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels.reference import in_codes, in_steps, is_spaced, keep_evenly_spaced
 from sphere_nav.photometric.pixels.squares import Squares, curve, kernel_rays
 from worlds.blocks import in_blocks
