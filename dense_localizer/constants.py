@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-# Weight of earlier images, from one to the next: about ten count (references/test_map_error, track/test_inter_frame).
+# Weight of earlier images, from one to the next: about ten count (references/test_map_error, test_motion_prior).
 IMAGE_FORGETTING = 0.9
 
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
@@ -23,12 +23,12 @@ MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_cand
 MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
 
-# The ground: height, roll and pitch of a vehicle where another one was taught (test_ground)
+# The ground: height, roll and pitch of a vehicle where another one was taught (test_motion_prior)
 GROUND_SIGMA = np.array([0.03, 0.01, 0.01])  # (3,) m, rad: a laden car on its springs, how well cameras are mounted
 GROUND_REACH_M = 10.0  # from a key sphere, up to which it says where the ground is
 MAX_GROUND_SIGMA_RAD = 0.05  # of roll and pitch between key spheres: more is no vehicle on a ground
 
-# Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
+# Rotation between images, M15 eq. 20 (test_motion_prior). A mismatch is one minus a correlation.
 MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
 
@@ -43,7 +43,7 @@ NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
 MIN_EDGE_LEAD = 0.05  # of the likeness of edges, below which two experiences look alike
 MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another one must be more like the image than the first drive
 
-# Prefetch (references/test_prefetch, references/test_reference)
+# Prefetch (references/test_reference)
 PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared
 PREFETCH_STEP_M, PREFETCH_STEP_S = 0.2, 0.05  # motion between two prefetches: at least, and by the speed
 PIXELS_AGE = 0.05  # of the image's width: motion after which pixels are chosen anew; half of what they serve for
@@ -60,7 +60,7 @@ REFUSED_FADING = 0.8  # weight that observations keep with each refused image (r
 EDGE_HOPS = 5  # edges around a key sphere that count
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
 
-# Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
+# Acceptance (judge/test_candidate): a first value refuses, a second one means care: DEGRADED.
 MIN_OVERLAP, GOOD_OVERLAP = 0.15, 0.25  # share of the chosen pixels that the image sees
 GOOD_NCC_LEAD = 0.1  # of the correlation of a good alignment over the least one
 ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
@@ -84,7 +84,7 @@ CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp sh
 CONTRAST_COVARIANCE = 3.0  # by how much that of an alignment by local contrast is larger: other light errs alike
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it
 
-# Cells of an image that never show the map (judge/test_view_mask). Of cells that did show it, other cars by day among
+# Cells of an image that never show the map (judge/test_lens_watch). Of cells that did show it, other cars by day among
 # them, 0.07 of the images spoke against one in town 4311; of those behind a bonnet 0.9, behind dirt 0.73.
 MASK_CELLS = (16, 12)  # columns and rows of an image
 MASK_STEP_RAD = 0.09  # by which the view moves between two images that are asked: a cell of a view of 80 degrees
@@ -134,7 +134,7 @@ NUM_NEAR = 2  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.2, 2.0  # between two searches of the whole map; that a given or lost pose is tried
 
-# What else may explain an image (track/test_candidates)
+# What else may explain an image (test_localizer)
 NUM_OTHER_EXPERIENCES = 3  # that are asked for an image which the one in use does not explain well
 SURE_GRAY_NCC = 0.9  # correlation of grey levels below which local contrast is asked, too: other cars, another light
 

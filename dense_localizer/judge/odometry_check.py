@@ -21,7 +21,7 @@ from dense_localizer.constants import (
     MOTION_INTERVAL_S,
     MOTION_SHIFT_S,
 )
-from sphere_nav.estimation.gates import gate, squared_distance
+from sphere_nav.estimation.least_squares import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.odometry import PoseBuffer

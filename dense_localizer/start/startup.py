@@ -32,9 +32,9 @@ from dense_localizer.constants import (
     TILT_STEP_DEG,
 )
 from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.motion_prior import Ground
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
-from dense_localizer.references.ground import Ground
 from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
 from dense_localizer.start.by_edges import EdgeSearch

@@ -27,12 +27,11 @@ from dense_localizer.constants import (
     VO_MIN_NCC,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
-from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.least_squares import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Verdict

@@ -15,7 +15,7 @@ from scipy.special import huber
 
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.constants import DIFFERENCE, FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
-from sphere_nav.estimation.robust import huber_weights
+from sphere_nav.estimation.least_squares import huber_weights
 from sphere_nav.geometry.arrays import TINY, Array
 
 

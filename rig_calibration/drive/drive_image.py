@@ -20,7 +20,7 @@ from rig_calibration.constants import (
 )
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import weigh
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import inside

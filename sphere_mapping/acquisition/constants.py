@@ -35,7 +35,7 @@ LEAST_COEFFICIENT = -2.0  # of the polynomial: no lens loses more light
 EXPOSURE_STD = 1.0  # of an exposure's logarithm
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
-CORRELATED_DIRECTIONS = 10.0  # neighbors that count as one (`estimation/covariance.py`)
+CORRELATED_DIRECTIONS = 10.0  # neighbors that count as one (`estimation/least_squares.py`)
 LOSS_SCALES = np.geomspace(20.0, 2.0, 8)  # deviations, step by step: at first half of what is seen may disagree
 
 # What cameras see in common (stitching/test_overlaps)
@@ -206,7 +206,7 @@ MAX_SHIFT_PX, MAX_SLOPE = 1.5, 0.7  # from the start, farther away is another th
 LEAST_TEXTURE = 1e-2  # squared grey levels by px, added so that bare patches do not move
 TRACK_STEPS, TRACK_LOSS_PX = 15, 0.15  # of the fit; scale of Cauchy's loss on a corner's pixels
 TRACK_PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
-CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
+CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/least_squares.py`)
 TRACK_FLOOR_PX = np.array([0.02, *[0.04] * 7])  # (8,): no number of corners lowers it: not all patches are planes
 
 # A LiDAR's clouds, and what is said of a rig (range/test_fusion, ros/test_rig_intake, ros/test_node)

@@ -20,7 +20,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import REGISTRATION
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register

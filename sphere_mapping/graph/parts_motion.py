@@ -13,7 +13,7 @@ from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_CHANCE
 from sphere_mapping.graph.both_ways import TwoWayMotion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import REGISTRATION
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
+from sphere_nav.estimation.least_squares import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts

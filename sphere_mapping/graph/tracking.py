@@ -17,7 +17,7 @@ from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment

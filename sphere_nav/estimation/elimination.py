@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sphere_nav.estimation.covariance import clustered_covariance
+from sphere_nav.estimation.least_squares import clustered_covariance
 from sphere_nav.geometry.arrays import Array
 
 CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/esm.py`

@@ -36,7 +36,7 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, off_axis
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.estimation.least_squares import cauchy_weights
 from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
 
 NUM_POWERS = 3

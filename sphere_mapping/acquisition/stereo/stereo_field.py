@@ -24,8 +24,7 @@ from sphere_mapping.acquisition.constants import (
     ROW_SIGMAS,
     ROW_STEPS,
 )
-from sphere_nav.estimation.gates import squared_mahalanobis
-from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.estimation.least_squares import cauchy_weights, squared_mahalanobis
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes, Flags
 

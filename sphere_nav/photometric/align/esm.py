@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_inverse
+from sphere_nav.estimation.least_squares import inverse_and_condition, scaled_inverse
 from sphere_nav.geometry import SE3, Camera, FrameMotion
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_grid

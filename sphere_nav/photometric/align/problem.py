@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
-from sphere_nav.estimation.normal_equations import scaled_inverse
-from sphere_nav.estimation.robust import HUBER
+from sphere_nav.estimation.least_squares import HUBER, scaled_inverse
 from sphere_nav.geometry import SE3, Camera, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays

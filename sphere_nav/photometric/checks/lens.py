@@ -19,9 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sphere_nav.estimation.covariance import clustered_covariance
-from sphere_nav.estimation.normal_equations import scaled_inverse
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import clustered_covariance, scaled_inverse, weigh
 from sphere_nav.geometry import FrameMotion, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.esm import Alignment, register_rig

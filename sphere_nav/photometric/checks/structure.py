@@ -27,10 +27,7 @@ from enum import Flag, auto
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.estimation.covariance import clustered_covariance
-from sphere_nav.estimation.gates import gate
-from sphere_nav.estimation.normal_equations import scaled_inverse, weighted_step
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import clustered_covariance, gate, scaled_inverse, weigh, weighted_step
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.esm import UNKNOWN, Alignment

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.estimation.normal_equations import scaled_inverse
+from sphere_nav.estimation.least_squares import scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.so3 import hat

@@ -8,13 +8,11 @@ import pytest
 
 from dense_localizer.constants import MIN_VISIBLE_SHARE
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
+from dense_localizer.judge.integrity import CHECKS_DUE, Integrity, align_rig
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References, RigChoice
-from dense_localizer.track.candidates import align_rig
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State
 from sphere_nav.params import build

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dense_localizer.inputs import CameraImage
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.range_support import RangeSupport, join
 from sphere_nav.geometry import SE3, Pinhole
@@ -109,7 +108,7 @@ def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_jo
     acceptance = Acceptance(is_accepted=True, is_good=False, finding=FINE, quality=0.1)
     prediction = Prediction(pose, 0.05**2 * np.eye(6), 1)
     given = PoseCandidate(pose @ off, 0.02**2 * np.eye(6), prediction, None, acceptance)
-    found = support.support(frame, given)
+    found = support.support(frame.depth, given)
     assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
     assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03
     assert np.trace(found.covariance) < np.trace(given.covariance)

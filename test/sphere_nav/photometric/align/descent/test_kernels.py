@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.estimation.robust import huber_weights, median_and_mad
+from sphere_nav.estimation.least_squares import huber_weights, median_and_mad
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_SUMS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.estimation.robust import median_and_mad
+from sphere_nav.estimation.least_squares import median_and_mad
 from sphere_nav.geometry import Fisheye, Omni, Pinhole, Spherical
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
