@@ -28,13 +28,13 @@ import numpy as np
 from dense_localizer.constants import (
     GAP_PERIODS,
     GAP_S,
-    GROUND_REACH_M,
     GROUND_SIGMA,
     IMAGE_FORGETTING,
     MAX_GROUND_SIGMA_RAD,
     MAX_INNOVATION,
     MAX_MISMATCH_RATIO,
     MAX_POSITION_SIGMA_M,
+    MAX_REACH_M,
     MAX_ROTATION_MISMATCH,
     MISMATCH_FLOOR,
     NUM_PERIODS,
@@ -356,7 +356,7 @@ class Ground:
         T_base_body = self.camera_on_base(T_body_camera)
         if T_base_body is None or self.sigma is None:
             return NO_EXPECTATION
-        if not (near := self._taught.nearest(T_map_body.translation, 1, GROUND_REACH_M)):
+        if not (near := self._taught.nearest(T_map_body.translation, 1, MAX_REACH_M)):
             return NO_EXPECTATION
         T_map_ground, T_map_base = near[0].T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
         place = T_map_ground.inverse() @ T_map_base
@@ -368,7 +368,7 @@ class Ground:
     def _measure(self) -> Array | None:
         """Return how far height, roll and pitch differ between neighbours, but for what is assumed at least."""
         T_map_base = [node.T_map_sphere @ self._T_sphere_base for node in self._taught]
-        steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= GROUND_REACH_M]
+        steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= MAX_REACH_M]
         differ = np.array([[T.translation[2], *T.angles[:2]] for T in steps]).reshape(-1, 3)
         sigma = np.sqrt(np.mean(differ**2, axis=0)) if steps else np.zeros(3)
         return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_GROUND_SIGMA_RAD else None

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dense_localizer.constants import (
     ACCEPTED_INLIER_SHARE,
     GOOD_AGREEMENT_LEAD,
-    GOOD_BIAS,
     GOOD_INLIER_SHARE,
     GOOD_NCC_LEAD,
     GOOD_OVERLAP,
@@ -24,14 +23,13 @@ from dense_localizer.constants import (
     GOOD_RANGE_OVERLAP,
     GOOD_SIGMA,
     MAX_ATTITUDE_SIGMA_RAD,
-    MAX_BIAS,
     MAX_INNOVATION,
     MAX_POSITION_SIGMA_M,
     MIN_GRADIENT_AGREEMENT,
     MIN_OVERLAP,
-    NOTABLE_DISTANCE,
     NOTABLE_GAIN,
     NOTABLE_OFFSET,
+    REMAINING_BIAS,
 )
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.params import AcceptanceParams
@@ -188,7 +186,7 @@ def _check_bias(structure: Structure, params: AcceptanceParams) -> list[Check]:
     meters, radians = bias.lengths
     detail = f"by which a part of the view that is hidden pulled the pose, {bias.share:.0%} of the texture"
     return [
-        Check(Reason.OUTLIERS, value, MAX_BIAS * limit, GOOD_BIAS * limit, f"{unit} {detail}")
+        Check(Reason.OUTLIERS, value, limit / REMAINING_BIAS, GOOD_SIGMA * limit, f"{unit} {detail}")
         for value, limit, unit in ((meters, params.max_sigma_m, "m"), (radians, MAX_ATTITUDE_SIGMA_RAD, "rad"))
     ]
 
@@ -202,7 +200,7 @@ def _name_cause(finding: Verdict, alignment: Alignment, distance_ratio: float) -
     if gain > NOTABLE_GAIN or bias > NOTABLE_OFFSET:
         detail = f"{finding.detail}; gain {gain:.2g}, bias {bias:.0f} grey levels".removeprefix("; ")
         return replace(finding, reason=Reason.LIGHT_CHANGE, detail=detail)
-    if distance_ratio > NOTABLE_DISTANCE:
+    if distance_ratio > 1.0:
         detail = f"{finding.detail}; {distance_ratio:.2g} times the region of the key sphere away".removeprefix("; ")
         return replace(finding, reason=Reason.OUTSIDE_REGION, detail=detail)
     return finding

@@ -20,10 +20,10 @@ from dense_localizer.constants import (
     CORRELATED_CELLS,
     FIT_PHASE,
     FULL_CHECK_NCC,
+    GOOD_OVERLAP,
     INNOVATION_RATE,
     INTEGRITY_PERIOD,
     MAP_PHASE,
-    MIN_VISIBLE_SHARE,
     NUM_INNOVATIONS,
     NUM_OTHER_EXPERIENCES,
     OCCLUSION_PHASE,
@@ -111,7 +111,7 @@ class Integrity:
         """
         choice = chosen.choice
         if alignment is None:
-            limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
+            limit, detail = GOOD_OVERLAP, "no key sphere covers the view"
             refusal = refuse(Verdict(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration

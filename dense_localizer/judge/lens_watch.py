@@ -33,11 +33,11 @@ from dense_localizer.constants import (
     LOG_ODDS_RANGE,
     LOG_ODDS_SEEN,
     MASK_CELLS,
+    MASK_COSINE,
     MASK_STEP_RAD,
     MAX_SHARE,
-    MIN_MASK_COSINE,
     MIN_MASK_PIXELS,
-    MIN_STILL_COSINE,
+    NUM_KEPT,
 )
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.references.reference import RigChoice
@@ -127,7 +127,6 @@ def _name(camera: str, share: float, sigma: float, limit: float) -> Verdict:
 
 COLUMNS, ROWS = MASK_CELLS
 Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
-NUM_KEPT = 16  # latest images that are kept without their hidden cells: several cameras, by grey levels and contrast
 PIXELS_PER_CELL = 8  # of the level whose gradients are compared with those of the image before
 
 
@@ -171,7 +170,7 @@ class ViewMask:
         sample = sample_images(images, pose, alignment.light, self._params, candidate.motion)
         found = cosines_by_cell(sample, MASK_CELLS, MIN_MASK_PIXELS, len(images))
         disagree = found.mean < MIN_COSINE_RATIO * found.typical
-        asked = found.known & (found.typical >= MIN_MASK_COSINE)
+        asked = found.known & (found.typical >= MASK_COSINE)
         cells = (one.reshape(-1, ROWS, COLUMNS) for one in (disagree, asked))
         for image, disagrees, is_asked in zip(images, *cells, strict=True):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
@@ -199,4 +198,4 @@ def _are_still(now: Array, before: Array) -> Cells:
     """Return which cells show the same gradients (2, H, W) at the same place in two images."""
     pairs = (now, before), (now, now), (before, before)
     both, *squares = (cv2.resize(np.sum(a * b, axis=0), MASK_CELLS, interpolation=cv2.INTER_AREA) for a, b in pairs)
-    return np.asarray(both > MIN_STILL_COSINE * np.sqrt(squares[0] * squares[1]))
+    return np.asarray(both > MASK_COSINE * np.sqrt(squares[0] * squares[1]))

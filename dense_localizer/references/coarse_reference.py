@@ -14,6 +14,7 @@ from dense_localizer.constants import (
     FORWARD_STEP,
     MIN_COARSE_PIXELS,
     NUM_COARSE_LEVELS,
+    NUM_KEPT,
     NUM_LAID_OUT,
 )
 from sphere_nav.geometry import Spherical
@@ -22,8 +23,6 @@ from sphere_nav.photometric.constants import CONTRAST_ANGLE
 from sphere_nav.photometric.pixels.contrast import local_contrast
 from sphere_nav.spheres.appearance.headings import draw_sphere
 from sphere_nav.spheres.sphere import Sphere
-
-NUM_PREPARED = 32  # small spheres that are kept ready for alignment: memory, no result
 
 
 class CoarseReference(NamedTuple):
@@ -44,7 +43,7 @@ class CoarseReferences(dict[int, CoarseReference]):
     def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
         super().__init__()
         self.load, self._params = spheres.__getitem__, limit_levels(params)
-        self.reference = lru_cache(NUM_PREPARED)(self._prepare)
+        self.reference = lru_cache(2 * NUM_KEPT)(self._prepare)
         self.panorama = lru_cache(2 * NUM_LAID_OUT)(self._draw)
 
     def __missing__(self, sphere_id: int) -> CoarseReference:

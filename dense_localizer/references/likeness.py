@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_EDGE_LEAD, MIN_LIKENESS_LEAD, NUM_COMPARED_POINTS
+from dense_localizer.constants import MIN_COMPARED_POINTS, MIN_LIKENESS_LEAD, NUM_COMPARED_POINTS
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.esm import correlate
@@ -59,7 +59,7 @@ class ExperienceChoice:
         if len(within_reach) == 1:
             return next(iter(within_reach))
         edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
-        sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
+        sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_LIKENESS_LEAD]
         grays = {one: self.compare(within_reach[one], sight) for one in sharp}
         needed = max(grays.values()) - MIN_LIKENESS_LEAD
         return min((one for one in sharp if grays[one] >= needed), key=lambda one: within_reach[one].id)

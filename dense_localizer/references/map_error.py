@@ -18,7 +18,6 @@ from functools import cache
 import numpy as np
 
 from dense_localizer.constants import (
-    EDGE_ERROR,
     EDGE_HOPS,
     IMAGE_FORGETTING,
     MAP_ERROR_RATIOS,
@@ -62,7 +61,7 @@ class MapError:
         if edge is None:
             return observed
         R = np.kron(np.eye(2), T_sphere_camera.rotation)
-        return observed + EDGE_ERROR * R.T @ edge @ R
+        return observed + SHARED_ERROR * R.T @ edge @ R
 
     def observe(
         self,
@@ -202,7 +201,7 @@ def estimate_drift_rate(graph: SphereGraph) -> Array:
     rates = []
     for edge in graph.edges:
         try:
-            variance = EDGE_ERROR * np.diagonal(np.linalg.inv(edge.information))
+            variance = SHARED_ERROR * np.diagonal(np.linalg.inv(edge.information))
         except np.linalg.LinAlgError:
             continue
         a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import MIN_POSE_INLIERS, NUM_MATCHED, NUM_RETRIEVED
+from dense_localizer.constants import MIN_POSE_INLIERS, NUM_CANDIDATES, NUM_MATCHED
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.photometric import Pyramid
 from sphere_nav.spheres.appearance.features import Features, features_of_image
@@ -32,9 +32,9 @@ def recognize(
     features = _turn(features_of_image(level.unpadded.astype(np.float32), level.camera), T_body_camera)
     chances: dict[int, float] = {}
     for T_level_body in attitudes:
-        for one in index.find(_turn(features, T_level_body), NUM_RETRIEVED):
+        for one in index.find(_turn(features, T_level_body), NUM_CANDIDATES):
             chances[one.sphere_id] = min(one.log_chance, chances.get(one.sphere_id, np.inf))
-    alike = sorted(chances, key=chances.__getitem__)[:NUM_RETRIEVED]
+    alike = sorted(chances, key=chances.__getitem__)[:NUM_CANDIDATES]
     poses = {one: find_pose(features, index.features[one]) for one in alike[:NUM_MATCHED]}
     return alike, [
         (one, pose.T_sphere_camera @ T_body_camera)

@@ -24,17 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
+    GOOD_OVERLAP,
+    LEAD_S,
     LOOK_AHEAD,
     MIN_CANDIDATES,
     MIN_SPHERES,
-    MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
-    NUM_CONTRAST_IMAGES,
-    PIXELS_AGE,
-    PIXELS_LEAD_S,
+    NUM_KEPT,
     PREFETCH_S,
     PREFETCH_STEP_M,
-    PREFETCH_STEP_S,
     RELATIVE_SHARE,
 )
 from dense_localizer.motion_prior import Ground, Prediction
@@ -45,6 +43,7 @@ from dense_localizer.references.map_error import MapError
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.photometric import Pyramid, Reference, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import RigImage, image_overlap
+from sphere_nav.photometric.constants import MAX_SHIFT
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
 from sphere_nav.photometric.pixels.pyramid import level_cameras, view_cone
 from sphere_nav.photometric.pixels.reference import holds, renew_selection
@@ -79,7 +78,7 @@ class PixelPrefetch:
         if self._is_live and not self._last.done():
             return
         self._last.result()  # raises what it has raised
-        due = [one for one in wanted if not holds(one[0].level_like(camera), one[1], camera, one[2], PIXELS_AGE)]
+        due = [one for one in wanted if not holds(one[0].level_like(camera), one[1], camera, one[2], 0.5 * MAX_SHIFT)]
         if due:
             pyramid = self._params.pyramid
             cameras = level_cameras(camera, pyramid.num_levels, pyramid.min_side)
@@ -252,7 +251,7 @@ class References:
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
         self.by_contrast = False  # what serves at present
-        self._in_contrast = lru_cache(NUM_CONTRAST_IMAGES)(self._draw_contrast)
+        self._in_contrast = lru_cache(NUM_KEPT)(self._draw_contrast)
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -318,7 +317,7 @@ class References:
         self._pixels.wait()
         candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
-        needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
+        needed = max(GOOD_OVERLAP, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(_key(node.id, by_contrast))]
         if not ready and usable:  # for the next image
@@ -339,7 +338,7 @@ class References:
         """Return the key spheres near a pose, of any experience, that cover most of what its camera sees."""
         nodes, overlaps = self._candidates(T_map_camera, camera, 0)
         best = np.argsort(-overlaps, kind="stable")[:count]
-        return [nodes[index] for index in best.tolist() if overlaps[index] >= MIN_VISIBLE_SHARE]
+        return [nodes[index] for index in best.tolist() if overlaps[index] >= GOOD_OVERLAP]
 
     def _of_experience(self, nodes: list[KeySphere], sight: Sight) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
@@ -372,7 +371,7 @@ class References:
         self._last = None if is_rig else self._last
         self._choose_pixels(T_map_camera, twist)
         point = (T_map_camera @ SE3.exp(twist * PREFETCH_S[-1])).translation
-        step = max(PREFETCH_STEP_M, PREFETCH_STEP_S * float(np.linalg.norm(twist[:3])))
+        step = max(PREFETCH_STEP_M, LEAD_S * float(np.linalg.norm(twist[:3])))
         if self._prefetched is not None and np.linalg.norm(point - self._prefetched) <= step:
             return
         self._prefetched = point
@@ -389,7 +388,7 @@ class References:
         if self._last is None:
             return
         camera, last = self._last
-        T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
+        T_soon = T_map_camera @ SE3.exp(twist * LEAD_S)
         nearest = self._nearest_in_use(self._ahead(T_soon, camera).translation, self._params.num_references)
         soon = [node.id for node in self._near_enough(nearest, T_soon)]
         numbers = {(one, self._registration.max_pixels // len(some)) for some in (last, soon) for one in some}

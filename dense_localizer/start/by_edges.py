@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dense_localizer.constants import NUM_BY_EDGES, NUM_HEADINGS, NUM_LAID_OUT
+from dense_localizer.constants import NUM_HEADINGS, NUM_LAID_OUT, NUM_VERIFIED
 from dense_localizer.references.recognition import find_body_axes
 from dense_localizer.references.reference import References
 from dense_localizer.start.guesses import Guess, select_best
@@ -43,7 +43,7 @@ class EdgeSearch:
                 T_sphere_camera = SE3.from_planar(0.0, 0.0, heading.yaw) @ T_level_camera
                 guesses.append(Guess(node, node.T_map_sphere @ T_sphere_camera, heading.score))
         ahead = find_body_axes(seen.pyramid.cameras[0]).rotation.T[:, 0]
-        best = select_best(guesses, NUM_BY_EDGES)
+        best = select_best(guesses, NUM_VERIFIED)
         return [one for guess in best[:1] for one in self._step(guess, ahead)] + best[1:]
 
     def _next_nodes(self) -> list[KeySphere]:

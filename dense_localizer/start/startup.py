@@ -17,13 +17,12 @@ import numpy as np
 
 from dense_localizer.constants import (
     CLEAR_LEAD,
-    MAX_GUESS_M,
     MAX_PITCH_RAD,
+    MAX_REACH_M,
     MIN_COMPARED_POINTS,
     NUM_ALIGNED,
+    NUM_CANDIDATES,
     NUM_COMPARED_POINTS,
-    NUM_NEAR,
-    NUM_RETRIEVED,
     NUM_SEEN_POINTS,
     NUM_TURNED,
     NUM_VERIFIED,
@@ -70,7 +69,7 @@ class Startup:
         The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera.
         """
         attitude = find_attitude(seen, self._references.ground)
-        nodes, placed = self._recognize(seen, [attitude], NUM_RETRIEVED)
+        nodes, placed = self._recognize(seen, [attitude], NUM_CANDIDATES)
         placed = placed[: NUM_ALIGNED - 1]
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
@@ -113,7 +112,7 @@ class Startup:
     def propose_near(self, seen: RigImage, T_map_body: SE3) -> list[SE3]:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
         T_map_camera, attitude = seen.pose(T_map_body), find_attitude(seen, self._references.ground)
-        nodes = self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M)
+        nodes = self._references.nearest(T_map_camera.translation, self._params.reference.num_references, MAX_REACH_M)
         places = [(node.T_map_sphere @ attitude).translation for node in nodes]
         there = [SE3.from_parts(T_map_camera.rotation, place) for place in places]
         return self._refine(seen, list(map(Guess, nodes[:1] + nodes, [T_map_camera, *there])))

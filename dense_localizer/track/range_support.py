@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dense_localizer.constants import NUM_RANGE_KEPT, NUM_RANGE_REFERENCES
+from dense_localizer.constants import NUM_KEPT
 from dense_localizer.judge.candidate import PoseCandidate, assess_range
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
@@ -28,7 +28,7 @@ class RangeSupport:
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._params = references, params
-        self._range_of = lru_cache(NUM_RANGE_KEPT)(lambda one: RangeImage.from_sphere(references.coarse.load(one)))
+        self._range_of = lru_cache(NUM_KEPT)(lambda one: RangeImage.from_sphere(references.coarse.load(one)))
         self._range_of_depth = lru_cache(1)(RangeImage.from_depth)  # several predictions of one instant ask for it
 
     def support(self, depth: DepthImage, candidate: PoseCandidate) -> PoseCandidate:
@@ -60,7 +60,7 @@ class RangeSupport:
         T_map_depth = T_map_body @ T_body_depth
         image = self._range_of_depth(depth)
         best: tuple[RangeFit, SE3, Array] | None = None
-        for node in self._references.covering(T_map_depth, image.camera, NUM_RANGE_REFERENCES):
+        for node in self._references.covering(T_map_depth, image.camera, self._params.reference.num_references):
             T_guess = node.T_map_sphere.inverse() @ T_map_depth
             fit = measure_motion_by_ranges(self._range_of(node.id), image, T_guess)
             if fit is None or (best is not None and fit.likeness <= best[0].likeness):

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     ANY_MAD,
+    GAP_S,
     IMAGE_FORGETTING,
     MAX_LEVEL_PIXELS,
+    MIN_EXPLAINED_NCC,
     VO_DRIFT,
     VO_MAX_S,
     VO_MAX_SIGMA_M,
     VO_MAX_SIGMAS,
-    VO_MAX_STEP_S,
-    VO_MIN_NCC,
 )
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import Acceptance, PoseCandidate
@@ -111,7 +111,7 @@ class VisualOdometry:
     def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Verdict) -> PoseCandidate | None:
         """Place images that the map does not place, `cause` says why; None where the last ones do not, or no longer."""
         last, way, limit = self._last, self._way, self._params.prior.max_blind_m
-        if last is None or way is None or prediction.growth is None or prediction.blind_s > VO_MAX_STEP_S:
+        if last is None or way is None or prediction.growth is None or prediction.blind_s > GAP_S:
             return None
         if way.meters > limit or prediction.stamp_ns - way.stamp_ns > VO_MAX_S * 1e9:
             return None
@@ -181,7 +181,7 @@ def warp_range(image: RigImage, T_world_body: SE3, params: RegistrationParams) -
 
 def is_step(found: Alignment, prediction: Prediction) -> bool:
     """Say whether an alignment with the last image is sure of the step: alike, determined, and one that can be."""
-    if found.reason or prediction.growth is None or found.ncc < VO_MIN_NCC:
+    if found.reason or prediction.growth is None or found.ncc < MIN_EXPLAINED_NCC:
         return False
     if measure_position_sigma(found.covariance) > VO_MAX_SIGMA_M:
         return False

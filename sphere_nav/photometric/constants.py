@@ -37,7 +37,7 @@ CONTRAST_STEPS = 2.0  # standard deviation of the window, in the blocks by which
 
 # Occlusion
 CELLS = (8, 6)  # columns and rows of an image, wherever it is cut; test_occlusion, rig_calibration/boards/test_quality
-MIN_CELL_PIXELS = 12  # of a cell, to be used; test_occlusion
+MIN_CELL_PIXELS = 12  # of a cell, to be used, or asked; test_occlusion, parts/test_registration
 TYPICAL_QUANTILE = 0.75  # of the cells' cosines: what counts as agreement; test_occlusion
 MIN_COSINE_RATIO = 0.5  # of the typical cosine, below which a cell shows something else; test_occlusion
 CELL_SIGMAS = 3.0  # by which a cell must be below: by chance one in 700 that is just there; test_occlusion
@@ -53,7 +53,6 @@ LENS_STEP, MAX_LENS_STEP, LENS_DOUBT, LENS_LEFT = 1.02, 0.1, 2.0, 0.91
 
 # Parts of the view that show the map (parts/)
 PARTS = (12, 8)  # columns and rows of an image, wherever it is cut; parts/test_registration
-MIN_PART_PIXELS = 12  # of a cell, to be asked; parts/test_registration
 REACH, NEAR_SHIFT = 8, 1  # px, by which cells are shifted, and that counts as none; parts/test_registration
 FITTED_CELLS = 3  # that a fit of six numbers can bring to agree; parts/test_registration
 STRENGTH_QUANTILE = 0.9  # of gradients, above which they count alike; parts/test_registration

@@ -33,7 +33,7 @@ from sphere_nav.photometric.align.esm import UNKNOWN
 from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.constants import (
     FITTED_CELLS,
-    MIN_PART_PIXELS,
+    MIN_CELL_PIXELS,
     MIN_PART_SAMPLES,
     MIN_PARTS_SIDE,
     MIN_SHIFT_SIGMA_PX,
@@ -133,7 +133,7 @@ def vote(images: Sequence[RigImage], params: RegistrationParams, sample: Sample)
         pixels = place[own, 0] + np.int32(level.pad), place[own, 1], direction[own], weight[own]
         kernels.score_shifts(level.image, *pixels, cell[own], REACH, scores)
         count += np.bincount(cell[own], minlength=number)
-    return Votes(sample, cell, count >= MIN_PART_PIXELS, _best_shifts(scores))
+    return Votes(sample, cell, count >= MIN_CELL_PIXELS, _best_shifts(scores))
 
 
 def _best_shifts(scores: Array) -> Array:

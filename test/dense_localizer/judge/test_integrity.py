@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import MIN_VISIBLE_SHARE
+from dense_localizer.constants import GOOD_OVERLAP
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import Acceptance, PoseCandidate
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity, align_rig
@@ -96,7 +96,7 @@ def test_a_view_that_no_key_sphere_covers_is_refused_by_how_little_they_cover(ro
     references = References(room_map, LocalizerParams())
     nothing = RigChoice((), replace(Choice.merge(()), overlap=0.05))
     found = Integrity(references, LocalizerParams()).assess(nothing, None, Prediction.guess(at(0.0))).finding
-    assert (found.reason, found.value, found.limit) == (Reason.LOW_OVERLAP, 0.05, MIN_VISIBLE_SHARE)
+    assert (found.reason, found.value, found.limit) == (Reason.LOW_OVERLAP, 0.05, GOOD_OVERLAP)
     references.close()
 
 

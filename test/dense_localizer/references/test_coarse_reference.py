@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dense_localizer.references.coarse_reference import NUM_PREPARED, CoarseReferences
+from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.spheres.sphere import Sphere
@@ -38,7 +38,7 @@ def test_a_sphere_is_read_when_it_is_first_needed_and_made_again_when_so_many_ot
     assert references[1].typical_range_m == pytest.approx(3.0)
     first = references.reference(1)
     assert references.reference(1) is first
-    for other in range(2, 2 + NUM_PREPARED):
+    for other in range(2, 2 + 32):
         assert set(read) == set(range(1, other))
         references.reference(other)
     assert references.reference(1) is not first
