@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-# Weight of earlier images, from one to the next: about ten count (references/test_map_error, test_motion_prior).
+# Weight of earlier images or intervals, from one to the next: about ten count
+# (references/test_map_error, judge/test_odometry_check, track/test_visual_odometry).
 IMAGE_FORGETTING = 0.9
 
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
@@ -25,7 +26,6 @@ START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after
 
 # The ground: height, roll and pitch of a vehicle where another one was taught (test_motion_prior)
 GROUND_SIGMA = np.array([0.03, 0.01, 0.01])  # (3,) m, rad: a laden car on its springs, how well cameras are mounted
-MAX_GROUND_SIGMA_RAD = 0.05  # of roll and pitch between key spheres: more is no vehicle on a ground
 
 # Rotation between images, M15 eq. 20 (test_motion_prior). A mismatch is one minus a correlation.
 MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it
@@ -64,10 +64,10 @@ ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_AGREEMENT_LEAD = 0.2, 0.05
-MAX_INNOVATION = 5.6  # standard deviations from the prediction; 2e-5 by chance
+MAX_INNOVATION = 5.6  # standard deviations of six numbers from the prediction, or from odometry; 2e-5 by chance
 NUM_INNOVATIONS, INNOVATION_RATE = 10, 1e-6  # latest images that together are no nearer to their predictions; by chance
 GOOD_SIGMA = 0.5  # of the largest standard deviation, or a bias: three sigma of a good pose are within 0.3 m
-MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
+MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude; between key spheres more is no ground
 NOTABLE_GAIN, NOTABLE_OFFSET = 2.0, 50.0  # of the light, either way; grey levels: the likely cause of outliers
 
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
@@ -95,24 +95,20 @@ LENS_NOISE = 0.005  # standard deviation of what a key sphere's errors look like
 LENS_SPHERES = 64  # latest key spheres that count; one of INTEGRITY_PERIOD images is asked
 
 # Odometry against images (judge/test_odometry_check)
-MAX_ODOMETRY_SIGMAS = 6.0  # of a place from where odometry says the camera is; 2e-9 by chance
 DELAY_SIGMAS, MIN_DELAY_S = 5.0, 0.05  # a delay surely above it is reported; by chance once in 3 million intervals
 DISPUTE_S = 10.0  # a place that contradicts odometry must hold so long before it is trusted
 MOTION_INTERVAL_S, MOTION_SHIFT_S = 0.5, 0.1  # over which motions, and their changes, are compared
-DELAY_FORGETTING = 0.85  # weight of earlier intervals, from one to the next
 COMPARISON_SIGMA = np.repeat([0.005, 0.002], 3)  # (6,) m, rad: of any comparison of two motions
 
 # The last image as a reference, M15 section 5.3 (track/test_visual_odometry)
 VO_DRIFT = np.repeat([0.02, 0.004], 3)  # (6,) m, rad: standard deviation of what drifts in a meter
 VO_MAX_S = 60.0  # without the map
 VO_MAX_SIGMA_M = 0.02  # of an alignment with the last image
-VO_MAX_SIGMAS = 5.0  # of its distance from the prediction; 6e-7 by chance
 MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
-ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count by the inverse of their residuals
 
 # Search, M15 section 5.4 (start/test_startup, start/test_by_edges, references/test_recognition)
 NUM_MATCHED, MIN_POSE_INLIERS = 6, 6  # of the likest spheres, by features; features
-TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
+PARTIAL_STEP_DEG = 15.0  # above and below, and beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it
 MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range

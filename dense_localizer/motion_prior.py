@@ -30,7 +30,7 @@ from dense_localizer.constants import (
     GAP_S,
     GROUND_SIGMA,
     IMAGE_FORGETTING,
-    MAX_GROUND_SIGMA_RAD,
+    MAX_ATTITUDE_SIGMA_RAD,
     MAX_INNOVATION,
     MAX_MISMATCH_RATIO,
     MAX_POSITION_SIGMA_M,
@@ -371,4 +371,4 @@ class Ground:
         steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= MAX_REACH_M]
         differ = np.array([[T.translation[2], *T.angles[:2]] for T in steps]).reshape(-1, 3)
         sigma = np.sqrt(np.mean(differ**2, axis=0)) if steps else np.zeros(3)
-        return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_GROUND_SIGMA_RAD else None
+        return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_ATTITUDE_SIGMA_RAD else None

@@ -26,9 +26,8 @@ from dense_localizer.constants import (
     NUM_SEEN_POINTS,
     NUM_TURNED,
     NUM_VERIFIED,
+    PARTIAL_STEP_DEG,
     ROLL_STEP_DEG,
-    SIDE_STEP_DEG,
-    TILT_STEP_DEG,
 )
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Ground
@@ -170,12 +169,12 @@ def ways_to_look(params: SearchParams, camera: Camera, window: Spherical, attitu
     """
     roll, pitch, _ = attitude.angles
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
-    side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
+    step = np.radians(PARTIAL_STEP_DEG)
     if window.is_whole:
         azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.array([-pitch])
     else:
-        azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
-        elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
+        azimuths = np.arctan2(center[1], center[0]) + step * np.arange(-2, 3)
+        elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + step * np.arange(-1, 2)
     above = [0.0, 0.0, attitude.translation[2]]
     looks = [
         SE3.from_angles(float(roll), -elevation, azimuth, above).matrix

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
-    ANY_MAD,
     GAP_S,
     IMAGE_FORGETTING,
+    MAX_INNOVATION,
     MAX_LEVEL_PIXELS,
     MIN_EXPLAINED_NCC,
     VO_DRIFT,
     VO_MAX_S,
     VO_MAX_SIGMA_M,
-    VO_MAX_SIGMAS,
 )
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import Acceptance, PoseCandidate
@@ -186,7 +185,7 @@ def is_step(found: Alignment, prediction: Prediction) -> bool:
     if measure_position_sigma(found.covariance) > VO_MAX_SIGMA_M:
         return False
     both = prediction.growth + found.covariance
-    return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= VO_MAX_SIGMAS**2
+    return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= MAX_INNOVATION**2
 
 
 def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:
@@ -201,5 +200,5 @@ def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> in
 
 @cache
 def accept_any_mad(params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters without a limit of the residuals."""
-    return replace(params, max_mad=ANY_MAD)
+    """Return the parameters without a limit of the residuals: references count by the inverse of theirs."""
+    return replace(params, max_mad=np.inf)

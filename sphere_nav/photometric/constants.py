@@ -10,7 +10,6 @@ import numpy as np
 MIN_SIGMA = 1.0  # grey level, smallest standard deviation assumed for a residual; align/test_problem
 STUCK = 25.0  # times `min_step`: an increment as large at the end is no convergence; test_esm
 EXPECTED_SIGMAS = 2.0  # beyond so many standard deviations an expectation pulls no harder; align/test_problem
-ROTATION_ITERATIONS = 10  # of a pure rotation, M15 section 6.1; test_problem
 TURN_PIXELS = 400  # of a level, compared after a turn; test_problem
 MIN_VIEW_PIXELS = 50  # fewest of a view, or of such a level, to be used; test_occlusion, test_problem
 MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less; test_reference
@@ -25,7 +24,7 @@ MAX_VIEWS, MIN_SQUARES = 1.25, 512  # squares kept: by those of one view, and in
 EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
 
 # Checks of the residuals: a few thousand pixels, all references together, and fewest of a view
-NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
+NUM_SAMPLES = 2048  # test_samples
 NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_structure), a third changes little
 BIAS_STEPS = 6  # at most, to a pose without a bias; test_occlusion
 
@@ -60,7 +59,6 @@ NUM_TRIED_MOTIONS = 300  # sets of cells that motions are fitted to; where a thi
 MIN_SHIFT_SIGMA_PX = 0.3  # standard deviation of a shift, at least; parts/test_registration
 MIN_PARTS_SIDE, PART_ROUNDS = 44, 2  # px of the coarsest level that is used; fits at each; parts/test_registration
 SURE_CHANCE = 1e-12  # of an alignment by parts, beyond which no other one is begun; parts/test_registration
-MIN_PART_SAMPLES = 20  # pixels of a view, to be asked; parts/test_registration
 
 # Where they speak for the pose of an alignment
 MAX_CHANCE, MAX_PREDICTED_CHANCE = 1e-5, 1e-7  # of as many cells in a wrong place; of a prediction; test_support

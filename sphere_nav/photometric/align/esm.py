@@ -37,7 +37,7 @@ from sphere_nav.photometric.align.problem import (
     rows_of,
     share_pixels,
 )
-from sphere_nav.photometric.constants import MIN_VIEW_PIXELS, ROTATION_ITERATIONS, STUCK, TURN_PIXELS
+from sphere_nav.photometric.constants import MIN_VIEW_PIXELS, STUCK, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid, in_blocks
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
@@ -268,7 +268,7 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     pixels = prepare_level(before.levels[-1], everywhere_far, params.far)
     image = RigImage(Pyramid((level,)), views=(View(Reference((pixels,)), SE3.identity()),))
     problem = Problem.choose_pixels([image], 0, SE3.identity(), params)
-    descent = problem.descend(AlignmentState.start(SE3.identity(), 1), ROTATION_ITERATIONS, is_rotation=True)
+    descent = problem.descend(AlignmentState.start(SE3.identity(), 1), params.max_iterations_fine, is_rotation=True)
     return descent.state.T_world_body if descent.is_determined else SE3.identity()
 
 

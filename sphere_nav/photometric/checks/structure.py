@@ -41,7 +41,6 @@ from sphere_nav.photometric.constants import (
     MAX_PREDICTED_CHANCE,
     MIN_CELL_PIXELS,
     MIN_COSINE_RATIO,
-    MIN_SAMPLES,
     MIN_SIGMA,
     MIN_VIEW_PIXELS,
     MIN_VISIBLE_SHARE,
@@ -266,7 +265,7 @@ def find_rig_structure(
     """
 
     def sample_at(T_world_body: SE3) -> Sample:
-        return sample_images(images, T_world_body, alignment.light, params, motion).of_views(MIN_SAMPLES)
+        return sample_images(images, T_world_body, alignment.light, params, motion).of_views(MIN_VIEW_PIXELS)
 
     def vote_at(T_world_body: SE3) -> Votes:
         return vote(images, params, sample_at(T_world_body))

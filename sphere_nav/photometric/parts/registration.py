@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.estimation.least_squares import scaled_inverse
+from sphere_nav.estimation.least_squares import RIDGE, scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.so3 import hat
@@ -34,9 +34,9 @@ from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.constants import (
     FITTED_CELLS,
     MIN_CELL_PIXELS,
-    MIN_PART_SAMPLES,
     MIN_PARTS_SIDE,
     MIN_SHIFT_SIGMA_PX,
+    MIN_VIEW_PIXELS,
     NEAR_SHIFT,
     NUM_TRIED_MOTIONS,
     PART_ROUNDS,
@@ -160,9 +160,6 @@ def _by_pixel(J: Array, of_reference: Array) -> Array:
     return np.nan_to_num(found)
 
 
-SINGULAR = 1e-6  # of the curvature: below it three cells say nothing of a direction
-
-
 def fit_motion(cells: Shifts) -> Array | None:
     """Return xi (6,) that shifts as many cells as possible as they are shifted; None where there are too few."""
     if cells.number <= FITTED_CELLS:
@@ -171,7 +168,7 @@ def fit_motion(cells: Shifts) -> Array | None:
     J, shift = cells.by_pose[tries].reshape(len(tries), -1, 6), cells.shift[tries].reshape(len(tries), -1)
     size = np.sqrt(np.mean(J**2, axis=1, keepdims=True)) + TINY  # meters and radians are not alike
     J = J / size
-    H = np.swapaxes(J, 1, 2) @ J + SINGULAR * np.eye(6)
+    H = np.swapaxes(J, 1, 2) @ J + RIDGE * np.eye(6)
     motions = np.linalg.solve(H, np.swapaxes(J, 1, 2) @ shift[..., None])[..., 0] / size[:, 0]
     counts = agreeing(cells, motions).sum(axis=1)
     agrees = agreeing(cells, motions[[np.argmax(counts)]])[0]
@@ -262,4 +259,4 @@ def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> li
 def _vote(images: Sequence[RigImage], params: RegistrationParams, T_world_body: SE3) -> Votes:
     """Return how the cells of images agree at a pose; light is not asked."""
     light = np.tile([1.0, 0.0], (sum(len(image.views) for image in images), 1))
-    return vote(images, params, sample_images(images, T_world_body, light, params).of_views(MIN_PART_SAMPLES))
+    return vote(images, params, sample_images(images, T_world_body, light, params).of_views(MIN_VIEW_PIXELS))
