@@ -39,7 +39,7 @@ NUM_KEPT = 16  # latest images, or parts of the map, that are kept as they were 
 RELATIVE_SHARE = 0.6  # covered by a reference: of what the best one covers; and `GOOD_OVERLAP` of the image
 NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
 
-# Choice of an experience (references/test_likeness)
+# Choice of an experience (references/test_coarse_reference)
 MIN_LIKENESS_LEAD = 0.05  # of the likeness of edges, of correlation: below it two experiences look alike
 
 # Prefetch (references/test_reference)
@@ -106,7 +106,7 @@ VO_MAX_S = 60.0  # without the map
 VO_MAX_SIGMA_M = 0.02  # of an alignment with the last image
 MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
 
-# Search, M15 section 5.4 (start/test_startup, start/test_by_edges, references/test_recognition)
+# Search, M15 section 5.4 (start/test_startup, start/test_guesses)
 NUM_MATCHED, MIN_POSE_INLIERS = 6, 6  # of the likest spheres, by features; features
 PARTIAL_STEP_DEG = 15.0  # above and below, and beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it

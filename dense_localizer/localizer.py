@@ -20,7 +20,7 @@ from dense_localizer.judge.estimate import CameraEstimate, report_estimate, repo
 from dense_localizer.judge.integrity import Integrity, align_rig, find_candidate
 from dense_localizer.motion_prior import InterFrame, PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import Tried
+from dense_localizer.references.coarse_reference import Tried
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.track.range_support import RangeSupport

@@ -36,7 +36,7 @@ from dense_localizer.judge.lens_watch import LensWatch, ViewMask
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import Tried
+from dense_localizer.references.coarse_reference import Tried
 from dense_localizer.references.reference import Choice, References, RigChoice
 from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry import SE3, FrameMotion

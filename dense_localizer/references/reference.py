@@ -37,8 +37,7 @@ from dense_localizer.constants import (
 )
 from dense_localizer.motion_prior import Ground, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.coarse_reference import CoarseReferences
-from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
+from dense_localizer.references.coarse_reference import CoarseReferences, ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.photometric import Pyramid, Reference, RegistrationParams, View, build_pyramid, prepare_reference

@@ -33,10 +33,16 @@ from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Ground
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
-from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_edges import EdgeSearch
-from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
+from dense_localizer.start.guesses import (
+    EdgeSearch,
+    Guess,
+    find_body_axes,
+    is_same_pose,
+    recognize,
+    select_best,
+    select_distinct,
+)
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict

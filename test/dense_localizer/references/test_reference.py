@@ -13,7 +13,7 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references import reference
-from dense_localizer.references.likeness import Sight
+from dense_localizer.references.coarse_reference import Sight
 from dense_localizer.references.reference import PixelPrefetch, References, SpherePrefetch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
