@@ -78,7 +78,7 @@ def image_overlap(cameras: Sequence[Camera], views: Sequence[View], T_world_came
     for view in views:
         pixels = view.reference.level_like(camera)
         T_camera_reference = T_camera_world @ view.T_world_reference
-        seen = pixels.squares.near(T_camera_reference, camera)
+        seen = pixels.near(T_camera_reference, camera)
         cover(seen.places, seen.pool, kernel_motion(T_camera_reference.matrix), *image)
     return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
 

@@ -10,8 +10,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
-from sphere_nav.photometric.pixels.reference import choose_pixels, holds, prepare_level, select
-from sphere_nav.photometric.pixels.squares import curve
+from sphere_nav.photometric.pixels.reference import choose_pixels, curve, holds, prepare_level, select
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
@@ -128,7 +127,7 @@ def test_only_what_is_seen_is_made(room):
     some = made.num_bytes
     assert empty < some
     for level in made.levels:
-        level.squares.all()
+        level.all()
     assert some - empty < 0.2 * (made.num_bytes - empty)
 
 
