@@ -55,13 +55,13 @@ FAULTS, JUDGE, TRACK = ("safety", "localizer_faults"), "dense_localizer.judge", 
 MECHANISMS = {
     "joined": Mechanism(*FAULTS, ("dense_localizer.motion_prior.Prediction.join",), lambda _, *measured: measured),
     "last_image": Mechanism(*FAULTS, (f"{TRACK}.visual_odometry.VisualOdometry._propagate",), _nothing),
-    "otherwise": Mechanism(*FAULTS, (f"{TRACK}.candidates._ask_otherwise",), lambda candidate, *_: candidate),
-    "turns": Mechanism(*FAULTS, (f"{TRACK}.inter_frame.InterFrame.refine",), _nothing),
+    "otherwise": Mechanism(*FAULTS, (f"{JUDGE}.integrity._ask_otherwise",), lambda candidate, *_: candidate),
+    "turns": Mechanism(*FAULTS, ("dense_localizer.motion_prior.InterFrame.refine",), _nothing),
     "biases": Mechanism(
         *FAULTS, (f"{JUDGE}.integrity.remove_bias",), lambda alignment, _: (alignment, np.zeros((6, 6)))
     ),
     "parts_of_views": Mechanism(*FAULTS, (f"{JUDGE}.integrity.align_by_parts",), lambda alignment, *_: alignment),
-    "masks": Mechanism(*FAULTS, (f"{JUDGE}.view_mask.ViewMask.observe",), _nothing),
+    "masks": Mechanism(*FAULTS, (f"{JUDGE}.lens_watch.ViewMask.observe",), _nothing),
     "delays": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._find_delay",), lambda _: FINE),
     "places": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._check_place",), _nothing),
     "rival": Mechanism(*FALSE_JOINS, (f"{JOINING}.find_rival",), lambda *_: 0.0),

@@ -25,7 +25,7 @@ from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.estimation.gates import gate, squared_distance
+from sphere_nav.estimation.least_squares import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.ros import conversions

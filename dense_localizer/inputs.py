@@ -16,7 +16,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, InputCheck, Reason, Verdict
 from sphere_nav.localization.constants import SAMPLE_STEP
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.pixels.pyramid import match_sharpness
 from sphere_nav.spheres.range_alignment import DepthImage
 

@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 from dense_localizer.inputs import CameraImage, Inputs, LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.estimate import CameraEstimate, report_estimate, report_status
-from dense_localizer.judge.integrity import Integrity
-from dense_localizer.motion_prior import PosePrior, Prediction
+from dense_localizer.judge.integrity import Integrity, align_rig, find_candidate
+from dense_localizer.motion_prior import InterFrame, PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import Tried
+from dense_localizer.references.coarse_reference import Tried
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.track.candidates import align_rig, find_candidate
-from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
@@ -85,7 +83,8 @@ class Localizer:
         chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)
-        return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))
+        candidate = self._integrity.assess(chosen, alignment, prediction, *evidence)
+        return candidate if frame.depth is None else self._range_support.support(frame.depth, candidate)
 
     def _update(self, frame: LocalizerInput, candidate: PoseCandidate) -> CameraEstimate:
         """Go on from a candidate and its prediction; by the map and good, what preceded it may ask for care."""

@@ -1,41 +1,96 @@
-"""Where the camera is before the image has been aligned: constant velocity on SE(3), odometry, measured rotation.
+"""Where the camera is before the image has been aligned: motion on SE(3), odometry, measured rotation, the ground.
 
 All times are differences of image stamps. The covariance is that of a tangent vector (v, omega) in the camera frame:
 T_map_camera @ exp(xi). It grows from the last alignment on, also while images are refused.
 
 The pose is relative to the map. Whoever uses it as odometry needs something else: how far has the camera come since it
-was localized? Key spheres err against one another, so that this uncertainty grows with the way (`MapDrift`).
+was localized? Key spheres err against one another, so that this uncertainty grows with the way (`map_error.py`).
+
+Does a predicted motion move the last images onto the present ones? Where it does not, the rotation is measured
+(`InterFrame`, M15 section 5.2): between two images rotation dominates, and the coarsest level shows it (eq. 20). Asking
+costs a few hundred pixels; measuring costs an alignment, so it is done only where the answer is no.
+
+A vehicle stands on the ground that was taught: its height, roll and pitch are those of the key spheres around it. That
+is worth most to a narrow view, in which a step ahead looks like a change of height and pitch, and cars that stand
+elsewhere decide between them. How even the ground is say the key spheres themselves. Nothing is expected where nobody
+tells how a camera sits on the vehicle, or where a map was taken by hand (`Ground`).
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from dense_localizer.constants import (
-    EDGE_ERROR,
     GAP_PERIODS,
     GAP_S,
+    GROUND_SIGMA,
+    IMAGE_FORGETTING,
+    MAX_ATTITUDE_SIGMA_RAD,
     MAX_INNOVATION,
+    MAX_MISMATCH_RATIO,
     MAX_POSITION_SIGMA_M,
-    MIN_EDGE_M,
+    MAX_REACH_M,
+    MAX_ROTATION_MISMATCH,
+    MISMATCH_FLOOR,
     NUM_PERIODS,
     START_SPEED,
     START_TURN_RATE,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.params import CovarianceParams, PriorParams
-from dense_localizer.track.inter_frame import InterFrame
-from sphere_nav.estimation.gates import squared_distance
-from sphere_nav.estimation.normal_equations import scaled_inverse
+from dense_localizer.params import PriorParams
+from dense_localizer.references.map_error import MapDrift
+from sphere_nav.estimation.least_squares import scaled_inverse, squared_distance
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
-from sphere_nav.photometric.align.judgement import UNKNOWN
+from sphere_nav.photometric import RegistrationParams, register_rotation
+from sphere_nav.photometric.align.esm import UNKNOWN, correlation_after_turn
+from sphere_nav.photometric.align.problem import NO_EXPECTATION, Expectation, RigImage
 from sphere_nav.spheres.graph import Experience, SphereGraph
+
+
+class InterFrame:
+    """Keeps the last images and how well predictions have matched them."""
+
+    def __init__(self, params: RegistrationParams) -> None:
+        self._params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known of the stream."""
+        self.images: tuple[RigImage, ...] = ()  # the last ones, placed or not
+        self._usual: float | None = None  # mismatch of predictions
+
+    def refine(self, images: Sequence[RigImage], T_before_now: SE3) -> SE3 | None:
+        """Return a measured rotation (eq. 20) where images do not support a predicted motion but support that one.
+
+        By the first camera of which there are both images.
+        """
+        earlier = {image.name: image.pyramid for image in self.images}
+        image = next((one for one in images if one.name in earlier), None)
+        if image is None:
+            return None
+        pair, R_body_camera = (image.pyramid, earlier[image.name]), image.mount.rotation
+        before = correlation_after_turn(*pair, R_body_camera.T @ T_before_now.rotation @ R_body_camera)
+        if before is None:
+            return None
+        predicted = residual = 1.0 - before
+        measured: SE3 | None = None
+        if self._usual is None or predicted > MAX_MISMATCH_RATIO * self._usual + MISMATCH_FLOOR:
+            R_camera = register_rotation(*pair, self._params).rotation
+            after = correlation_after_turn(*pair, R_camera)
+            if after is not None and 1.0 - after <= MAX_ROTATION_MISMATCH * predicted:
+                measured = SE3.from_parts(R_body_camera @ R_camera @ R_body_camera.T, np.zeros(3))
+                residual = 1.0 - after
+        usual, weight = self._usual, IMAGE_FORGETTING
+        self._usual = residual if usual is None else weight * usual + (1.0 - weight) * residual
+        return measured
+
 
 SHARES, TINY = np.linspace(0.0, 1.0, 21), np.finfo(float).tiny
 
@@ -264,37 +319,56 @@ class PosePrior:
         return np.repeat(speed * blind_s + 0.5 * acceleration * blind_s**2, 3)
 
 
-class MapDrift:
-    """The covariance (6, 6) of xi in T_start_now @ exp(xi) by the errors of the map between both."""
-
-    def __init__(self, graph: SphereGraph | None = None) -> None:
-        self.per_meter = estimate_drift_rate(graph) if graph is not None else np.zeros(6)
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew: nothing has drifted yet."""
-        self.covariance: Array = np.zeros((6, 6))
-        self._last: SE3 | None = None
-
-    def propagate(self, T_map_now: SE3) -> None:
-        """Go on to another pose: what has been wrong turns with the body, and a wrong heading moves what follows."""
-        if self._last is not None:
-            T_now_before = T_map_now.inverse() @ self._last
-            Ad, meters = T_now_before.adjoint(), float(np.linalg.norm(T_now_before.translation))
-            self.covariance = Ad @ self.covariance @ Ad.T + np.diag(self.per_meter * meters)
-        self._last = T_map_now
+ON_GROUND = [2, 3, 4]  # of a tangent vector of the base: height, roll, pitch
 
 
-def estimate_drift_rate(graph: SphereGraph) -> Array:
-    """Return the variance (6,) of a meter of the map, the same along all axes: the median over its edges."""
-    rates = []
-    for edge in graph.edges:
-        try:
-            variance = EDGE_ERROR * np.diagonal(np.linalg.inv(edge.information))
-        except np.linalg.LinAlgError:
-            continue
-        a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere
-        length = max(float(a.distance(b)[0]), MIN_EDGE_M)
-        rates.append([variance[:3].mean() / length, variance[3:].mean() / length])
-    assumed = CovarianceParams()
-    return np.repeat(np.median(rates, axis=0) if rates else np.square([assumed.map_sigma_m, assumed.map_sigma_rad]), 3)
+class Ground:
+    """The ground of one map. `T_base_body`: the camera, or what several share, on the vehicle; None: nobody knows."""
+
+    def __init__(self, graph: SphereGraph, T_base_sphere: SE3 | None) -> None:
+        self.T_base_body: SE3 | None = None
+        first = graph[min(graph.nodes)]
+        # Later drives have mounts of their own, which nobody tells.
+        taught = [node for node in graph if node.experience == first.experience]
+        self._taught = SphereGraph(sorted(taught, key=lambda node: node.id))
+        self._T_sphere_base = (T_base_sphere or SE3.identity()).inverse()
+        # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried the spheres.
+        self.sigma = self._measure() if T_base_sphere is not None else None
+
+    def stand(self, prediction: Prediction) -> Prediction:
+        """Return a prediction with what the ground says of its pose."""
+        return replace(prediction, expected=self.expect(prediction.T_map_camera))
+
+    def camera_on_base(self, T_body_camera: SE3 | None) -> SE3 | None:
+        """Return where a camera of the body is on the vehicle; None: nobody knows."""
+        if self.T_base_body is None or T_body_camera is None:
+            return self.T_base_body
+        return self.T_base_body @ T_body_camera
+
+    def height_above(self, T_base_camera: SE3) -> float:
+        """Return by how much in m a camera is higher than the key spheres; 0 where nobody knows."""
+        if self.sigma is None:
+            return 0.0
+        return float((self._T_sphere_base @ T_base_camera).translation[2])
+
+    def expect(self, T_map_body: SE3, T_body_camera: SE3 | None = None) -> Expectation:
+        """Return what the ground says of the body near a pose; or of a camera on it, then the pose is that one's."""
+        T_base_body = self.camera_on_base(T_body_camera)
+        if T_base_body is None or self.sigma is None:
+            return NO_EXPECTATION
+        if not (near := self._taught.nearest(T_map_body.translation, 1, MAX_REACH_M)):
+            return NO_EXPECTATION
+        T_map_ground, T_map_base = near[0].T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
+        place = T_map_ground.inverse() @ T_map_base
+        x, y, _ = place.translation.tolist()
+        T_map_expected = T_map_ground @ SE3.from_planar(x, y, float(place.yaw)) @ T_base_body
+        A = T_base_body.adjoint()[ON_GROUND]
+        return Expectation(T_map_expected, A.T @ np.diag(self.sigma**-2) @ A)
+
+    def _measure(self) -> Array | None:
+        """Return how far height, roll and pitch differ between neighbours, but for what is assumed at least."""
+        T_map_base = [node.T_map_sphere @ self._T_sphere_base for node in self._taught]
+        steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= MAX_REACH_M]
+        differ = np.array([[T.translation[2], *T.angles[:2]] for T in steps]).reshape(-1, 3)
+        sigma = np.sqrt(np.mean(differ**2, axis=0)) if steps else np.zeros(3)
+        return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_ATTITUDE_SIGMA_RAD else None

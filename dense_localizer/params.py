@@ -44,7 +44,7 @@ class AlignmentParams:
 
 @parameters
 class AcceptanceParams:
-    """When an alignment is used (`acceptance.py`). A value past the `good` limit is used with care: DEGRADED."""
+    """When an alignment is used (`candidate.py`). A value past the `good` limit is used with care: DEGRADED."""
 
     min_pixels: int = param(500, "pixels in the alignment", low=6)
     min_ncc: float = param(0.4, "normalised cross-correlation of image and references", low=-1.0, high=1.0)

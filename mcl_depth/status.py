@@ -20,8 +20,7 @@ from mcl_depth.constants import (
     MIN_WEIGHT,
 )
 from sphere_nav.localization.constants import PROVEN_IMAGES
-from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, Verdict
+from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, StateMachine, Verdict
 
 REMEDIES = INPUT_REMEDIES | {
     Reason.LOW_OVERLAP: "the image shows too little of a panorama: set likeness.kind to gradients",

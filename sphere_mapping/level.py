@@ -28,7 +28,7 @@ from sphere_mapping.constants import (
     STILL_FORCE,
     STILL_RATE,
 )
-from sphere_nav.estimation.gates import gate
+from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Flags
 

@@ -29,8 +29,7 @@ from sphere_nav.photometric import (
     prepare_reference,
     register,
 )
-from sphere_nav.photometric.align.problem import Problem
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import Problem, RigImage
 
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 60  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0

@@ -8,14 +8,19 @@ time of the fault until the first answer that is not TRACKING. Starts from nowhe
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import chain, groupby
 from operator import attrgetter
+from pathlib import Path
+from types import FrameType
 from unittest.mock import patch
 
 import numpy as np
 
+import dense_localizer
+import sphere_nav
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.safety.halls import CAMERA, FAULTS, KIDNAPPED, Fault, World, draw_lamp, elsewhere, kidnapped, nothing
 from dense_localizer.localizer import Localizer
@@ -33,6 +38,7 @@ SPEED, NOMINAL_SPEED = 1.0, 5.0  # m/s, while things fail and while nothing does
 FAULT_IMAGES, CALM_IMAGES = 2 * RATE, RATE
 WRONG_M, WRONG_RAD = 0.3, np.radians(3.0)
 IS_TRUSTED = attrgetter("is_trusted")
+PRODUCT = tuple(Path(str(package.__file__)).parent for package in (dense_localizer, sphere_nav))
 LONG_S = 1.0  # a shorter DEGRADED is no false alarm
 WRONG_START_M, WRONG_START_RAD = 1.5, np.radians(30.0)  # an initial pose is off by as much at most, each axis
 
@@ -67,6 +73,7 @@ class Found:
     outside: list[list[Told]] = field(default_factory=list)  # of the map
     distance_m: float = 0.0  # with nothing wrong
     alignments: dict[bool, list[int]] = field(default_factory=lambda: {False: [], True: []})  # an image; of a search
+    num_files: list[int] = field(default_factory=list)  # that images in TRACKING pass, with nothing wrong
 
 
 class Run:
@@ -82,13 +89,21 @@ class Run:
         self._stamp_ns += SECOND // RATE
         moved = world.drive(1.0 / RATE, speed)
         self.found.distance_m += moved * (speed == NOMINAL_SPEED)
-        image = fault(world)
+        image, passed = fault(world), set[str]()
+
+        def note(frame: FrameType, *_: object) -> None:
+            passed.add(frame.f_code.co_filename)
+
         search = self.localizer.search
         with (
             patch.object(esm, "share_pixels", wraps=esm.share_pixels) as asked,  # by each dense alignment, once
             patch.object(search, "find", wraps=search.find) as sought,
         ):
+            sys.setprofile(note)
             told = self.localizer.update(image, CAMERA, self._stamp_ns, world.T_odom_camera)
+            sys.setprofile(None)
+        if speed == NOMINAL_SPEED and told.status.state is State.TRACKING:
+            self.found.num_files.append(sum(any(map(Path(one).is_relative_to, PRODUCT)) for one in passed))
         self.found.alignments[sought.called].append(asked.call_count)
         if told.T_map_camera is None or told.covariance is None:
             return Told(told.status.state)
@@ -181,6 +196,7 @@ def _bounds(found: Found) -> list[Bound]:
         Bound("dense alignments of an image that is followed, most", 3, max(followed), ""),
         Bound("the same, 99 of 100 images", 3, float(np.percentile(followed, 99)), ""),
         Bound("dense alignments of a search, most", 6, max(found.alignments[True]), ""),
+        Bound("files of the product that an image in TRACKING passes, most", 12, max(found.num_files), ""),
         Bound("starts from nowhere that come to a wrong pose", 0.0, _count_wrong(found.starts), ""),
         Bound(f"{len(placed)} starts outside the map that come to a pose", 0.0, sum(placed), ""),
     ]

@@ -32,8 +32,7 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.problem import AlignmentState, Problem
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import AlignmentState, Problem, RigImage
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 

@@ -12,8 +12,8 @@ from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import BaseEstimate, Reason, State, Status, Verdict, status_of
+from sphere_nav.localization import Reason, State, StateMachine, Status, Verdict
+from sphere_nav.localization.status import BaseEstimate, status_of
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ import numpy as np
 
 from dense_localizer.constants import (
     COMPARISON_SIGMA,
-    DELAY_FORGETTING,
     DELAY_SIGMAS,
     DISPUTE_S,
-    MAX_ODOMETRY_SIGMAS,
+    IMAGE_FORGETTING,
+    MAX_INNOVATION,
     MIN_DELAY_S,
     MOTION_INTERVAL_S,
     MOTION_SHIFT_S,
 )
-from sphere_nav.estimation.gates import gate, squared_distance
+from sphere_nav.estimation.least_squares import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.odometry import PoseBuffer
@@ -92,7 +92,7 @@ class OdometryCheck:
             return
         self._growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
         sigmas = float(np.sqrt(self._distance(self._trusted, sample)))
-        limit = float(np.sqrt(gate(6))) if defies_odometry else MAX_ODOMETRY_SIGMAS
+        limit = float(np.sqrt(gate(6))) if defies_odometry else MAX_INNOVATION
         if sigmas > limit:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
             self._dispute = Verdict(Reason.ODOM_STALE, sigmas, limit, detail), sample
@@ -155,5 +155,5 @@ class OdometryCheck:
         meters, radians = first.T_odom_camera.distance(now.T_odom_camera)
         sigma = np.hypot(np.repeat([self._error * meters, self._error * radians], 3), COMPARISON_SIGMA)
         weight = 1.0 / (sigma**2 + np.diagonal(first.covariance) + np.diagonal(now.covariance))
-        self._information = DELAY_FORGETTING * self._information + float(change @ (weight * change))
-        self._score = DELAY_FORGETTING * self._score + float(change @ (weight * residual))
+        self._information = IMAGE_FORGETTING * self._information + float(change @ (weight * change))
+        self._score = IMAGE_FORGETTING * self._score + float(change @ (weight * residual))

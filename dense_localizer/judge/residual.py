@@ -26,7 +26,7 @@ def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate
     picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
     level = view.reference.levels[0]
     T_camera_reference = shown.pose(candidate.T_map_camera).inverse() @ view.T_world_reference
-    known = pixels_of(level.squares.near(T_camera_reference, camera))  # all of a key sphere would stay with it
+    known = pixels_of(level.near(T_camera_reference, camera))  # all of a key sphere would stay with it
     pixels, is_visible = camera.project(T_camera_reference.apply(known[:3].T))
     u, v = np.rint(pixels[is_visible]).astype(np.int64).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)

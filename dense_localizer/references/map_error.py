@@ -18,22 +18,21 @@ from functools import cache
 import numpy as np
 
 from dense_localizer.constants import (
-    EDGE_ERROR,
     EDGE_HOPS,
     IMAGE_FORGETTING,
     MAP_ERROR_RATIOS,
     MAX_OBSERVED_SIGMAS,
+    MIN_EDGE_M,
     REFUSED_FADING,
     SHARED_ERROR,
 )
 from dense_localizer.params import CovarianceParams
-from sphere_nav.estimation.gates import gate
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import gate, symmetric_inverse
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.params import between
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
@@ -62,7 +61,7 @@ class MapError:
         if edge is None:
             return observed
         R = np.kron(np.eye(2), T_sphere_camera.rotation)
-        return observed + EDGE_ERROR * R.T @ edge @ R
+        return observed + SHARED_ERROR * R.T @ edge @ R
 
     def observe(
         self,
@@ -174,3 +173,39 @@ def is_usable(graph: SphereGraph, edge: Edge) -> bool:
     T_a_b = graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
     xi = (edge.T_a_b.inverse() @ T_a_b).log()
     return bool(xi @ edge.information @ xi <= gate(6))
+
+
+class MapDrift:
+    """The covariance (6, 6) of xi in T_start_now @ exp(xi) by the errors of the map between both."""
+
+    def __init__(self, graph: SphereGraph | None = None) -> None:
+        self.per_meter = estimate_drift_rate(graph) if graph is not None else np.zeros(6)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing has drifted yet."""
+        self.covariance: Array = np.zeros((6, 6))
+        self._last: SE3 | None = None
+
+    def propagate(self, T_map_now: SE3) -> None:
+        """Go on to another pose: what has been wrong turns with the body, and a wrong heading moves what follows."""
+        if self._last is not None:
+            T_now_before = T_map_now.inverse() @ self._last
+            Ad, meters = T_now_before.adjoint(), float(np.linalg.norm(T_now_before.translation))
+            self.covariance = Ad @ self.covariance @ Ad.T + np.diag(self.per_meter * meters)
+        self._last = T_map_now
+
+
+def estimate_drift_rate(graph: SphereGraph) -> Array:
+    """Return the variance (6,) of a meter of the map, the same along all axes: the median over its edges."""
+    rates = []
+    for edge in graph.edges:
+        try:
+            variance = SHARED_ERROR * np.diagonal(np.linalg.inv(edge.information))
+        except np.linalg.LinAlgError:
+            continue
+        a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere
+        length = max(float(a.distance(b)[0]), MIN_EDGE_M)
+        rates.append([variance[:3].mean() / length, variance[3:].mean() / length])
+    assumed = CovarianceParams()
+    return np.repeat(np.median(rates, axis=0) if rates else np.square([assumed.map_sigma_m, assumed.map_sigma_rad]), 3)

@@ -1,8 +1,10 @@
 """The key spheres that an image is aligned to: the nearest (M15 eq. 17), prepared once, kept for a while.
 
-They are streamed (`prefetch.py`): those of the way ahead are read and prepared by another thread, the longest unused
-make room; their pixels are chosen by a third before an image needs them. An image of a live camera never waits for
-either: it is aligned to what is there.
+They are streamed (`SpherePrefetch`): those of the way ahead are read and prepared by another thread within so much
+memory, the longest unused make room; their pixels are chosen (eq. 16) by a third before those chosen for an earlier
+image are too old (`PixelPrefetch`). An image of a live camera never waits for either: it is aligned to what is there.
+What is prepared does not depend on when; of spheres only the images' own thread decides what is kept, in the order of
+its wishes.
 
 A whole sphere sees in every direction, so translation is all that counts: from a little ahead, as a key sphere behind a
 camera shows what that sees smaller than the image does. A partial sphere (one camera's view) may
@@ -11,7 +13,9 @@ face elsewhere; it is passed over where it covers clearly less of the image than
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
@@ -20,34 +24,148 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
+    GOOD_OVERLAP,
+    LEAD_S,
     LOOK_AHEAD,
     MIN_CANDIDATES,
-    MIN_VISIBLE_SHARE,
+    MIN_SPHERES,
     NUM_CANDIDATES,
-    NUM_CONTRAST_IMAGES,
-    PIXELS_LEAD_S,
+    NUM_KEPT,
     PREFETCH_S,
     PREFETCH_STEP_M,
-    PREFETCH_STEP_S,
     RELATIVE_SHARE,
 )
-from dense_localizer.motion_prior import Prediction
+from dense_localizer.motion_prior import Ground, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.coarse_reference import CoarseReferences
-from dense_localizer.references.ground import Ground
-from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
+from dense_localizer.references.coarse_reference import CoarseReferences, ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
-from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.projection import view_cone
-from sphere_nav.photometric.align.rig import RigImage, image_overlap
+from sphere_nav.photometric import Pyramid, Reference, RegistrationParams, View, build_pyramid, prepare_reference
+from sphere_nav.photometric.align.problem import RigImage, image_overlap
+from sphere_nav.photometric.constants import MAX_SHIFT
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
-from sphere_nav.photometric.pixels.pyramid import level_cameras
+from sphere_nav.photometric.pixels.pyramid import level_cameras, view_cone
+from sphere_nav.photometric.pixels.reference import holds, renew_selection
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+
+Wanted = tuple[Reference, SE3, int]  # where it is from the camera, how many pixels
+
+
+class PixelPrefetch:
+    """The pixels of the key spheres in use, and of the next ones, chosen where the camera will soon be."""
+
+    def __init__(self, params: RegistrationParams, *, is_live: bool) -> None:
+        """Of an `is_live` camera no image waits for a choice; others do, so that runs are equal."""
+        self._params, self._is_live = params, is_live
+        self._thread = ThreadPoolExecutor(1, "choose_pixels")
+        self._last = Future[None]()
+        self._last.set_result(None)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def begin(self, wanted: Iterable[Wanted], camera: Camera) -> None:
+        """Have those pixels for a camera chosen anew that will soon be too old; return at once.
+
+        One choice after the other: what is due while one is under way is asked for again with the next image of a live
+        camera; others wait.
+        """
+        if self._is_live and not self._last.done():
+            return
+        self._last.result()  # raises what it has raised
+        due = [one for one in wanted if not holds(one[0].level_like(camera), one[1], camera, one[2], 0.5 * MAX_SHIFT)]
+        if due:
+            pyramid = self._params.pyramid
+            cameras = level_cameras(camera, pyramid.min_side, pyramid.num_levels)
+            self._last = self._thread.submit(self._choose, due, cameras[min(pyramid.finest, len(cameras) - 1) :])
+
+    def wait(self) -> None:
+        """Wait for what is being chosen, if images do."""
+        if not self._is_live:
+            self._last.result()
+
+    @staticmethod
+    def _choose(due: Sequence[Wanted], cameras: Sequence[Camera]) -> None:
+        for reference, T_camera_reference, number in due:
+            for camera in cameras:
+                renew_selection(reference.level_like(camera), T_camera_reference, camera, number)
+
+
+class SpherePrefetch:
+    """Prepared references by id of their sphere: the latest used, as many of the largest as `memory_bytes` hold."""
+
+    def __init__(self, prepare: Callable[[int], Reference], memory_bytes: float, *, is_live: bool = False) -> None:
+        """Of an `is_live` camera, what is not wanted any more is not begun; others read the same whatever the pace."""
+        self._prepare, self._memory_bytes, self._is_live = prepare, memory_bytes, is_live
+        self._references: OrderedDict[int, Future[Reference]] = OrderedDict()
+        self._largest = 0  # bytes, of those that were got
+        self._thread = ThreadPoolExecutor(1, "prepare_spheres")
+
+    @property
+    def capacity(self) -> int:
+        """How many spheres there is room for."""
+        return max(MIN_SPHERES, int(self._memory_bytes // self._largest)) if self._largest else MIN_SPHERES
+
+    @property
+    def _ready(self) -> list[Reference]:
+        done = [future for future in self._references.values() if future.done() and not future.cancelled()]
+        return [future.result() for future in done if future.exception() is None]
+
+    def begin(self, sphere_ids: Sequence[int]) -> None:
+        """Have spheres prepared that will be needed soon; return at once.
+
+        The first ones first, and no more than there is room for; what is longest unused makes room.
+        """
+        if self._is_live:  # what cameras have seen of a sphere since it was got counts, too; it depends on the pace
+            self._largest = max([self._largest, *(reference.num_bytes for reference in self._ready)])
+        wanted = sphere_ids[: self.capacity]
+        if self._is_live:
+            for sphere_id, future in list(self._references.items()):
+                if sphere_id not in wanted and future.cancel():
+                    del self._references[sphere_id]
+        for sphere_id in wanted:
+            self.request(sphere_id)
+
+    def request(self, sphere_id: int) -> None:
+        """Have one more sphere prepared; return at once."""
+        self._future(sphere_id)
+
+    def get(self, sphere_id: int) -> Reference:
+        """Return a prepared sphere as soon as it is ready; raises what reading it raised, and reads again next time."""
+        try:
+            reference = self._future(sphere_id).result()
+        except (ValueError, OSError):
+            del self._references[sphere_id]
+            raise
+        self._largest = max(self._largest, reference.num_bytes)
+        return reference
+
+    def find(self, sphere_id: int) -> Reference | None:
+        """Return a sphere that was begun before, of a live camera if it is ready; None for one that cannot be read."""
+        future = self._references.get(sphere_id)
+        if future is None or (self._is_live and not future.done()) or future.exception() is not None:
+            return None
+        return future.result()
+
+    def is_ready(self, sphere_id: int) -> bool:
+        """Say whether `get` would return, or raise, at once."""
+        return sphere_id in self._references and self._references[sphere_id].done()
+
+    def close(self) -> None:
+        """End the thread; what is being prepared is the last."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _future(self, sphere_id: int) -> Future[Reference]:
+        if sphere_id not in self._references:
+            self._references[sphere_id] = self._thread.submit(self._prepare, sphere_id)
+        self._references.move_to_end(sphere_id)
+        while len(self._references) > self.capacity:
+            self._references.popitem(last=False)[1].cancel()
+        return self._references[sphere_id]
 
 
 class SphereMap(Protocol):
@@ -132,7 +250,7 @@ class References:
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
         self.by_contrast = False  # what serves at present
-        self._in_contrast = lru_cache(NUM_CONTRAST_IMAGES)(self._draw_contrast)
+        self._in_contrast = lru_cache(NUM_KEPT)(self._draw_contrast)
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -198,7 +316,7 @@ class References:
         self._pixels.wait()
         candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
-        needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
+        needed = max(GOOD_OVERLAP, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(_key(node.id, by_contrast))]
         if not ready and usable:  # for the next image
@@ -219,7 +337,7 @@ class References:
         """Return the key spheres near a pose, of any experience, that cover most of what its camera sees."""
         nodes, overlaps = self._candidates(T_map_camera, camera, 0)
         best = np.argsort(-overlaps, kind="stable")[:count]
-        return [nodes[index] for index in best.tolist() if overlaps[index] >= MIN_VISIBLE_SHARE]
+        return [nodes[index] for index in best.tolist() if overlaps[index] >= GOOD_OVERLAP]
 
     def _of_experience(self, nodes: list[KeySphere], sight: Sight) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
@@ -252,7 +370,7 @@ class References:
         self._last = None if is_rig else self._last
         self._choose_pixels(T_map_camera, twist)
         point = (T_map_camera @ SE3.exp(twist * PREFETCH_S[-1])).translation
-        step = max(PREFETCH_STEP_M, PREFETCH_STEP_S * float(np.linalg.norm(twist[:3])))
+        step = max(PREFETCH_STEP_M, LEAD_S * float(np.linalg.norm(twist[:3])))
         if self._prefetched is not None and np.linalg.norm(point - self._prefetched) <= step:
             return
         self._prefetched = point
@@ -269,7 +387,7 @@ class References:
         if self._last is None:
             return
         camera, last = self._last
-        T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
+        T_soon = T_map_camera @ SE3.exp(twist * LEAD_S)
         nearest = self._nearest_in_use(self._ahead(T_soon, camera).translation, self._params.num_references)
         soon = [node.id for node in self._near_enough(nearest, T_soon)]
         numbers = {(one, self._registration.max_pixels // len(some)) for some in (last, soon) for one in some}

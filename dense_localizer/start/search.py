@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import MAX_GUESS_M, SEARCH_NEAR_S, SEARCH_PERIOD_S
+from dense_localizer.constants import MAX_REACH_M, SEARCH_NEAR_S, SEARCH_PERIOD_S
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction
@@ -133,7 +133,7 @@ class PoseSearch:
             raise ValueError("initial pose: expected finite numbers, found NaN or Inf")
         nearest = self._references.nearest(T_map_camera.translation, 1)
         distance = float(nearest[0].T_map_sphere.distance(T_map_camera)[0]) if nearest else np.inf
-        if distance > MAX_GUESS_M:
+        if distance > MAX_REACH_M:
             raise ValueError(
-                f"initial pose: expected at most {MAX_GUESS_M:g} m from a key sphere, found {distance:.1f} m"
+                f"initial pose: expected at most {MAX_REACH_M:g} m from a key sphere, found {distance:.1f} m"
             )

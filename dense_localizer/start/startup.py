@@ -17,35 +17,39 @@ import numpy as np
 
 from dense_localizer.constants import (
     CLEAR_LEAD,
-    MAX_GUESS_M,
     MAX_PITCH_RAD,
+    MAX_REACH_M,
     MIN_COMPARED_POINTS,
     NUM_ALIGNED,
+    NUM_CANDIDATES,
     NUM_COMPARED_POINTS,
-    NUM_NEAR,
-    NUM_RETRIEVED,
     NUM_SEEN_POINTS,
     NUM_TURNED,
     NUM_VERIFIED,
+    PARTIAL_STEP_DEG,
     ROLL_STEP_DEG,
-    SIDE_STEP_DEG,
-    TILT_STEP_DEG,
 )
 from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.motion_prior import Ground
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import stop_at
-from dense_localizer.references.ground import Ground
-from dense_localizer.references.recognition import find_body_axes, recognize
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_edges import EdgeSearch
-from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
+from dense_localizer.start.guesses import (
+    EdgeSearch,
+    Guess,
+    find_body_axes,
+    is_same_pose,
+    recognize,
+    select_best,
+    select_distinct,
+)
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
-from sphere_nav.photometric.align.projection import in_blocks, view_cone
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlate
+from sphere_nav.photometric.align.esm import correlate
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.pixels.pyramid import in_blocks, view_cone
 from sphere_nav.spheres.graph import Experience, KeySphere
 
 
@@ -70,7 +74,7 @@ class Startup:
         The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera.
         """
         attitude = find_attitude(seen, self._references.ground)
-        nodes, placed = self._recognize(seen, [attitude], NUM_RETRIEVED)
+        nodes, placed = self._recognize(seen, [attitude], NUM_CANDIDATES)
         placed = placed[: NUM_ALIGNED - 1]
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
@@ -113,7 +117,7 @@ class Startup:
     def propose_near(self, seen: RigImage, T_map_body: SE3) -> list[SE3]:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
         T_map_camera, attitude = seen.pose(T_map_body), find_attitude(seen, self._references.ground)
-        nodes = self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M)
+        nodes = self._references.nearest(T_map_camera.translation, self._params.reference.num_references, MAX_REACH_M)
         places = [(node.T_map_sphere @ attitude).translation for node in nodes]
         there = [SE3.from_parts(T_map_camera.rotation, place) for place in places]
         return self._refine(seen, list(map(Guess, nodes[:1] + nodes, [T_map_camera, *there])))
@@ -171,12 +175,12 @@ def ways_to_look(params: SearchParams, camera: Camera, window: Spherical, attitu
     """
     roll, pitch, _ = attitude.angles
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
-    side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
+    step = np.radians(PARTIAL_STEP_DEG)
     if window.is_whole:
         azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.array([-pitch])
     else:
-        azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
-        elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
+        azimuths = np.arctan2(center[1], center[0]) + step * np.arange(-2, 3)
+        elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + step * np.arange(-1, 2)
     above = [0.0, 0.0, attitude.translation[2]]
     looks = [
         SE3.from_angles(float(roll), -elevation, azimuth, above).matrix

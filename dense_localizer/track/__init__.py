@@ -1,1 +1,1 @@
-"""From the last image to this one."""
+"""From the last image to this one; depth where grey levels do not do."""

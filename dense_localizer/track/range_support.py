@@ -13,13 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from dense_localizer.constants import NUM_RANGE_KEPT, NUM_RANGE_REFERENCES
-from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import assess_range
-from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.constants import NUM_KEPT
+from dense_localizer.judge.candidate import PoseCandidate, assess_range
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
+from sphere_nav.estimation.least_squares import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.range_alignment import DepthImage, RangeFit, RangeImage, measure_motion_by_ranges
@@ -30,19 +28,19 @@ class RangeSupport:
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._params = references, params
-        self._range_of = lru_cache(NUM_RANGE_KEPT)(lambda one: RangeImage.from_sphere(references.coarse.load(one)))
+        self._range_of = lru_cache(NUM_KEPT)(lambda one: RangeImage.from_sphere(references.coarse.load(one)))
         self._range_of_depth = lru_cache(1)(RangeImage.from_depth)  # several predictions of one instant ask for it
 
-    def support(self, frame: LocalizerInput, candidate: PoseCandidate) -> PoseCandidate:
+    def support(self, depth: DepthImage, candidate: PoseCandidate) -> PoseCandidate:
         """Return a candidate with what the depth of its instant adds; as it is where that is nothing.
 
         A guess of the whole map gets none: rooms that look different are the same to range.
         """
         prediction = candidate.prediction
         is_anywhere = prediction.is_guess and not prediction.is_near
-        if frame.depth is None or candidate.acceptance.is_good or is_anywhere:
+        if candidate.acceptance.is_good or is_anywhere:
             return candidate
-        found = self._place(frame.depth, prediction.T_map_camera)
+        found = self._place(depth, prediction.T_map_camera)
         if found is None:
             return candidate
         fit, T_map_body, covariance = found
@@ -62,7 +60,7 @@ class RangeSupport:
         T_map_depth = T_map_body @ T_body_depth
         image = self._range_of_depth(depth)
         best: tuple[RangeFit, SE3, Array] | None = None
-        for node in self._references.covering(T_map_depth, image.camera, NUM_RANGE_REFERENCES):
+        for node in self._references.covering(T_map_depth, image.camera, self._params.reference.num_references):
             T_guess = node.T_map_sphere.inverse() @ T_map_depth
             fit = measure_motion_by_ranges(self._range_of(node.id), image, T_guess)
             if fit is None or (best is not None and fit.likeness <= best[0].likeness):

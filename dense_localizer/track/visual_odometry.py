@@ -16,33 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
-    ANY_MAD,
+    GAP_S,
     IMAGE_FORGETTING,
+    MAX_INNOVATION,
     MAX_LEVEL_PIXELS,
+    MIN_EXPLAINED_NCC,
     VO_DRIFT,
     VO_MAX_S,
     VO_MAX_SIGMA_M,
-    VO_MAX_SIGMAS,
-    VO_MAX_STEP_S,
-    VO_MIN_NCC,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
-from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.least_squares import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.align.problem import MAX_VIEWS, RigImage, share_pixels
 from sphere_nav.photometric.params import between
-from sphere_nav.photometric.pixels.selection import choose_pixels
+from sphere_nav.photometric.pixels.reference import choose_pixels
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,7 @@ class VisualOdometry:
     def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Verdict) -> PoseCandidate | None:
         """Place images that the map does not place, `cause` says why; None where the last ones do not, or no longer."""
         last, way, limit = self._last, self._way, self._params.prior.max_blind_m
-        if last is None or way is None or prediction.growth is None or prediction.blind_s > VO_MAX_STEP_S:
+        if last is None or way is None or prediction.growth is None or prediction.blind_s > GAP_S:
             return None
         if way.meters > limit or prediction.stamp_ns - way.stamp_ns > VO_MAX_S * 1e9:
             return None
@@ -183,12 +180,12 @@ def warp_range(image: RigImage, T_world_body: SE3, params: RegistrationParams) -
 
 def is_step(found: Alignment, prediction: Prediction) -> bool:
     """Say whether an alignment with the last image is sure of the step: alike, determined, and one that can be."""
-    if found.reason or prediction.growth is None or found.ncc < VO_MIN_NCC:
+    if found.reason or prediction.growth is None or found.ncc < MIN_EXPLAINED_NCC:
         return False
     if measure_position_sigma(found.covariance) > VO_MAX_SIGMA_M:
         return False
     both = prediction.growth + found.covariance
-    return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= VO_MAX_SIGMAS**2
+    return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= MAX_INNOVATION**2
 
 
 def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:
@@ -203,5 +200,5 @@ def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> in
 
 @cache
 def accept_any_mad(params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters without a limit of the residuals."""
-    return replace(params, max_mad=ANY_MAD)
+    """Return the parameters without a limit of the residuals: references count by the inverse of theirs."""
+    return replace(params, max_mad=np.inf)

@@ -44,7 +44,7 @@ from mcl_depth.constants import (
 )
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import MotionParams
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
+from sphere_nav.estimation.least_squares import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import FINE, Reason, Verdict

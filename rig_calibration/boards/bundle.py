@@ -16,7 +16,7 @@ from scipy.special import huber
 
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import DIFFERENCE, FIRST_DAMPING, MAX_DAMPING, MIN_GAIN, NUM_DISTORTION
-from sphere_nav.estimation.robust import huber_weights
+from sphere_nav.estimation.least_squares import huber_weights
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import TINY, Array, Flags
 from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, free_parameters

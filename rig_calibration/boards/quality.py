@@ -29,7 +29,7 @@ from rig_calibration.constants import (
     MIN_GOOD_VIEWS,
     MIN_TILT_DEG,
 )
-from sphere_nav.estimation.gates import RARE, squared_mahalanobis
+from sphere_nav.estimation.least_squares import RARE, squared_mahalanobis
 from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.photometric.constants import CELLS

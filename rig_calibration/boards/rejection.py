@@ -18,7 +18,7 @@ from rig_calibration.constants import (
     MIN_SEEN,
     VIEW_RATIO,
 )
-from sphere_nav.estimation.robust import HUBER
+from sphere_nav.estimation.least_squares import HUBER
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS
 

@@ -20,14 +20,14 @@ from rig_calibration.constants import (
 )
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import weigh
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import inside
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
-from sphere_nav.photometric.pixels.selection import select
+from sphere_nav.photometric.pixels.reference import select
 
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 

@@ -26,8 +26,7 @@ from rig_calibration.constants import (
     PIECE_RAD,
     SETTLED,
 )
-from sphere_nav.estimation.covariance import clustered_covariance
-from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
+from sphere_nav.estimation.least_squares import CAUCHY, cauchy_weights, clustered_covariance
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS

@@ -29,8 +29,7 @@ from rig_calibration.constants import (
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
 from rig_calibration.drive.drive_lens import MAP, Lens
 from rig_calibration.drive.refinement import RefinedCamera, refine_camera
-from sphere_nav.estimation.gates import RARE
-from sphere_nav.estimation.robust import HUBER, weigh
+from sphere_nav.estimation.least_squares import HUBER, RARE, weigh
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 

@@ -31,7 +31,7 @@ MIN_FALLOFF = 0.01  # below which an image is left as it is
 FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
 EXPOSURE_STD = 1.0  # of an exposure's logarithm
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
-NUM_CORRELATED = 10.0  # neighbors, or corners, that count as one (`estimation/covariance.py`; stereo/test_track_fit)
+NUM_CORRELATED = 10.0  # neighbors, or corners, that count as one (`estimation/least_squares.py`; stereo/test_track_fit)
 LOSS_SCALES = (20.0, 2.0, 2.0, 2.0)  # deviations, step by step: at first half of what is seen may disagree
 
 # What cameras see in common (light/test_light)

@@ -29,8 +29,7 @@ from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_cl
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import away
 from sphere_mapping.graph.verification import Run
-from sphere_nav.estimation.gates import RARE
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import RARE, symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph

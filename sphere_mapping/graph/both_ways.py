@@ -27,13 +27,12 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import REGISTRATION
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import gate, squared_mahalanobis, symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
-from sphere_nav.photometric.align.judgement import GOOD
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.esm import GOOD
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.constants import EDGE_SHARE

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sphere_mapping.constants import MERGE_REACH, MERGE_SPACING, MIN_DETOUR
-from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
+from sphere_nav.estimation.least_squares import symmetric, symmetric_inverse
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 

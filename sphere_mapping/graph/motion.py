@@ -14,7 +14,7 @@ from sphere_mapping.constants import (
     ODOMETRY_SHARE,
     SHARP,
 )
-from sphere_nav.estimation.gates import gate
+from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, ROBUST_WIDTH
-from sphere_nav.estimation.gates import gate
+from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 

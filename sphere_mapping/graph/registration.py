@@ -22,8 +22,8 @@ from sphere_nav.photometric import (
     register,
     register_rotation,
 )
-from sphere_nav.photometric.align.judgement import GOOD, OUTLIERS
-from sphere_nav.photometric.align.rig import image_overlap
+from sphere_nav.photometric.align.esm import GOOD, OUTLIERS
+from sphere_nav.photometric.align.problem import image_overlap
 from sphere_nav.spheres.appearance.features import Features, features_of_sphere
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.region import region_radius

@@ -16,11 +16,11 @@ from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.align.judgement import GOOD
+from sphere_nav.photometric.align.esm import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sphere_nav.estimation.covariance import clustered_covariance
+from sphere_nav.estimation.least_squares import clustered_covariance
 from sphere_nav.geometry.arrays import Array
 
-CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/judgement.py`
+CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/esm.py`
 
 
 @dataclass(frozen=True, eq=False)

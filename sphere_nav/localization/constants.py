@@ -11,7 +11,7 @@ MIN_CONTRAST = 3.0  # grey levels, standard deviation of an image that shows any
 FROZEN_IMAGES = 3  # repeats in a row: with noise not even two images are the same
 CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
 
-# States (test_state_machine)
+# States (test_status)
 RECOVERY_IMAGES = 2  # good images in a row from DEGRADED to TRACKING
 MAX_PROBATION_FACTOR = 16  # bound of the doubling of the probation by losses
 PROVEN_IMAGES = 2  # that a good image counts for on probation whose place is proven: by its parts, or by all images

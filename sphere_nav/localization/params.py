@@ -16,7 +16,7 @@ class InputParams:
 
 @parameters
 class StateParams:
-    """When a pose is trusted (`state_machine.py`)."""
+    """When a pose is trusted (`status.py`)."""
 
     probation_images: int = param(4, "good images in a row before a pose is trusted; doubled by each loss", low=1)
     max_blind_s: float = param(0.5, "time without an image that confirms the pose until LOST", "s", low=0.0)

@@ -4,10 +4,8 @@ READ FIRST `esm.py`. `prepare_reference` makes an augmented image ready once, `b
 time, `register` aligns them, and `register_rig` the images of several cameras.
 """
 
-from sphere_nav.photometric.align.esm import evaluate, register, register_rig
-from sphere_nav.photometric.align.judgement import Alignment
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import register_rotation
+from sphere_nav.photometric.align.esm import Alignment, evaluate, register, register_rig, register_rotation
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.params import PyramidParams, RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid, build_pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_reference

@@ -8,10 +8,8 @@ from functools import cache
 import numpy as np
 
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.photometric.align.esm import register, register_rig
-from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
+from sphere_nav.photometric.align.esm import correlation_after_turn, register, register_rig, register_rotation
+from sphere_nav.photometric.align.problem import MAX_VIEWS, RigImage
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.params import PyramidParams, RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import build_pyramid

@@ -59,9 +59,8 @@ FADING = 0.5  # weight of what a key sphere explained in earlier drives, with ea
 
 # Headings at which an image looks as in a sphere, in any light (appearance/test_headings)
 GRID_WIDTH = 256  # columns of the grid: 1.4 degrees
-CELL_SIDE = 10  # of the grid: 14 degrees
+CELL_SIDE = 10  # of the grid: 14 degrees; headings nearer to each other are one
 CELL_REACH = (4, 2)  # columns and rows by which a cell may lie beside its place: the viewpoint differs
 SOFT_GRADIENT = 2.0  # grey levels over two columns, at which a gradient counts half
 STRONG_SHARE = 0.5  # of the gradients of a view, the strongest, that are compared
 MIN_CELL_EDGES = 8  # of a cell, to be asked
-APART_TURNS = 10  # columns between two headings that are two

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
-from sphere_nav.estimation.normal_equations import inverse_and_condition, weighted_step
-from sphere_nav.estimation.robust import HUBER, huber_weights
+from sphere_nav.estimation.least_squares import HUBER, huber_weights, inverse_and_condition, weighted_step
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays

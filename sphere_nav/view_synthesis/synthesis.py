@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.photometric.pixels.pyramid import kernel_camera, kernel_motion
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import FAR_NEARNESS, MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
 from sphere_nav.view_synthesis.surface import Surface

@@ -12,7 +12,7 @@ import yaml
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import Sight
+from dense_localizer.references.coarse_reference import Sight
 from rig_calibration.drive.drive_image import DriveImage, collect
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from std_msgs.msg import String
 
-from dense_localizer.references.prefetch import SpherePrefetch
+from dense_localizer.references.reference import SpherePrefetch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav.ros.maps.reader import open_map

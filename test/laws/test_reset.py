@@ -14,14 +14,12 @@ import pytest
 
 from dense_localizer.inputs import Inputs
 from dense_localizer.judge.integrity import Integrity
-from dense_localizer.judge.lens_watch import LensWatch
+from dense_localizer.judge.lens_watch import LensWatch, ViewMask
 from dense_localizer.judge.odometry_check import OdometryCheck
-from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.localizer import Localizer
-from dense_localizer.motion_prior import PosePrior
+from dense_localizer.motion_prior import InterFrame, PosePrior
 from dense_localizer.params import LocalizerParams, PriorParams
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.evidence import Evidence
@@ -42,7 +40,7 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.odometry import Agreement
 from sphere_nav.localization import InputCheck
 from sphere_nav.localization.params import InputParams, NodeParams, StateParams
-from sphere_nav.localization.state_machine import StateMachine
+from sphere_nav.localization.status import StateMachine
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.odometry_input import OdometryInput

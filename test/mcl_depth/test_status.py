@@ -10,8 +10,7 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import MclStateParams
 from mcl_depth.status import REMEDIES, BeliefVerdict, count, judge_belief
-from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import Reason, State, Verdict
+from sphere_nav.localization.status import Reason, State, StateMachine, Verdict
 
 LOST_IMAGES = 6
 

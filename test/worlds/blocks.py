@@ -6,8 +6,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.iteration import kernels
-from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
-from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.pixels.pyramid import Level, kernel_camera, kernel_motion
 
 
 def points_before(camera, rng, number=1500):

@@ -7,11 +7,10 @@ from functools import cache
 import numpy as np
 
 from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.judge.integrity import Integrity
+from dense_localizer.judge.integrity import Integrity, align_rig
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.track.candidates import align_rig
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.spheres.appearance.features import features_of_sphere

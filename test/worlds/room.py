@@ -8,7 +8,7 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.photometric import View, prepare_reference
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 

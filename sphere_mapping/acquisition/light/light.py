@@ -38,7 +38,7 @@ from sphere_mapping.acquisition.constants import (
     VERY_FAR_M,
 )
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.estimation.least_squares import cauchy_weights
 from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
 

@@ -21,7 +21,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import resample_range
 from sphere_mapping.acquisition.partial.window import place_in, window_of
 from sphere_mapping.acquisition.range.levels import around
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.estimation.gates import gate
+from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays

@@ -22,8 +22,7 @@ from sphere_mapping.acquisition.constants import (
     MAX_ROWS_APART,
     MIN_MATCHES,
 )
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
-from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.estimation.least_squares import cauchy_weights, gate, squared_mahalanobis
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.arrays import Array, Bytes, Flags
 

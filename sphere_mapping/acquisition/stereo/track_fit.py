@@ -27,8 +27,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     slopes_of_columns,
     tangents,
 )
-from sphere_nav.estimation.gates import gate, squared_mahalanobis
-from sphere_nav.estimation.robust import cauchy_weights
+from sphere_nav.estimation.least_squares import cauchy_weights, gate, squared_mahalanobis
 from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.arrays import TINY, Array
 

@@ -1,29 +1,139 @@
 """The least-squares problem of one pyramid level: chosen pixels of all views, one pose, a gain and bias each.
 
-A view knows the camera that sees it and where that is on the body (M15 eq. 8, 19): several cameras are more views.
+A view knows the camera that sees it and where that is on the body (M15 eq. 8, 19): several cameras, fixed to one
+another, are more views (`RigImage`). What is known of the pose before any image is seen is one more observation in the
+normal equations (`Expectation`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
-from sphere_nav.estimation.robust import HUBER
-from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.estimation.least_squares import HUBER, scaled_inverse
+from sphere_nav.geometry import SE3, Camera, FrameMotion
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.descent import kernels
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
-from sphere_nav.photometric.align.projection import KernelCamera, rolling
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.constants import MIN_SIGMA
+from sphere_nav.photometric.constants import EXPECTED_SIGMAS, MIN_SIGMA, OVERLAP_CELL
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Level
-from sphere_nav.photometric.pixels.reference import Selection
-from sphere_nav.photometric.pixels.selection import choose_pixels
+from sphere_nav.photometric.pixels.kernels import cover
+from sphere_nav.photometric.pixels.pyramid import KernelCamera, Level, Pyramid, kernel_camera, kernel_motion, rolling
+from sphere_nav.photometric.pixels.reference import Selection, View, choose_pixels
+
+
+@dataclass(frozen=True)
+class RigImage:
+    """The image of one camera of a rig, with the references that it is compared with.
+
+    T_body_camera None: the camera is the body. `name` tells the cameras of a rig apart.
+    """
+
+    pyramid: Pyramid
+    T_body_camera: SE3 | None = None
+    views: tuple[View, ...] = ()
+    name: str = ""
+
+    @property
+    def mount(self) -> SE3:
+        """T_body_camera of any camera."""
+        return self.T_body_camera or SE3.identity()
+
+    def level(self, index: int) -> Level:
+        """Return a level of the pyramid, the coarsest where it has fewer."""
+        return self.pyramid.levels[min(index, len(self.pyramid.levels) - 1)]
+
+    def pose(self, T_world_body: SE3) -> SE3:
+        """Return T_world_camera."""
+        return T_world_body @ self.mount
+
+    def body(self, T_world_camera: SE3) -> SE3:
+        """Return T_world_body."""
+        return T_world_camera @ self.mount.inverse()
+
+    def motion(self, motion: FrameMotion | None) -> FrameMotion | None:
+        """Return the motion of the camera within the frame by that of the body."""
+        return motion and replace(motion, T_world_before=self.pose(motion.T_world_before))
+
+
+@cache
+def share_pixels(params: RegistrationParams, number: int) -> RegistrationParams:
+    """Return the parameters of one of so many cameras."""
+    return replace(params, max_pixels=max(params.max_pixels // number, 1))
+
+
+def image_overlap(cameras: Sequence[Camera], views: Sequence[View], T_world_camera: SE3) -> float:
+    """Return the share (0..1) of an image where some reference has range, in cells of the coarsest of its levels."""
+    camera = cameras[-1]
+    cells = _cells_with_rays(camera)
+    covered = np.zeros_like(cells)
+    T_camera_world = T_world_camera.inverse()
+    image = (kernel_camera(camera), camera.width, camera.height, OVERLAP_CELL, covered)
+    for view in views:
+        pixels = view.reference.level_like(camera)
+        T_camera_reference = T_camera_world @ view.T_world_reference
+        seen = pixels.near(T_camera_reference, camera)
+        cover(seen.places, seen.pool, kernel_motion(T_camera_reference.matrix), *image)
+    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
+
+
+@lru_cache(maxsize=16)
+def _cells_with_rays(camera: Camera) -> NDArray[np.bool_]:
+    """Return which cells hold a pixel that sees anything; the corners of a fisheye image do not."""
+    has_ray = ~np.isnan(pixel_rays(camera)[..., 0])
+    cells = np.zeros((-(-camera.height // OVERLAP_CELL), -(-camera.width // OVERLAP_CELL)), np.bool_)
+    v, u = np.nonzero(has_ray)
+    cells[v // OVERLAP_CELL, u // OVERLAP_CELL] = True
+    return cells
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Where a body is expected.
+
+    information (6, 6) is that of xi in T_world_body @ exp(xi), zero where nothing is known. Beyond `EXPECTED_SIGMAS` it
+    pulls no harder (Huber): an expectation that is wrong yields to what is seen.
+    """
+
+    T_world_body: SE3
+    information: Array
+
+    def weighted(self, factor: float) -> tuple[Array, Array, float]:
+        """Return it for the kernels, where so many pixels count as one: T_body_world (3, 4), information, bound."""
+        bound = EXPECTED_SIGMAS * float(np.sqrt(factor))
+        return self._T_body_world, factor * self.information, bound
+
+    def pull_at(self, T_world_body: SE3) -> tuple[Array, Array]:
+        """Return what it adds at a pose to the normal equations: H (6, 6), the information that counts, and g (6,)."""
+        H, g = np.zeros((6, 6)), np.zeros(6)
+        kernels.add_expectation(np.ascontiguousarray(T_world_body.matrix[:3]), self.weighted(1.0), H, g)
+        return H, g
+
+    def resist(self, xi: Array, T_world_body: SE3, covariance: Array) -> Array:
+        """Return what is left of a step xi (6,) by images alone from a pose; the expectation is in its covariance."""
+        return xi - covariance @ self.pull_at(T_world_body)[0] @ xi
+
+    def fuse(self, T_world_body: SE3, covariance: Array) -> tuple[SE3, Array]:
+        """Return a pose by images alone, and its covariance, together with the expectation."""
+        H, g = self.pull_at(T_world_body)
+        if not H.any():
+            return T_world_body, covariance
+        together = scaled_inverse(scaled_inverse(covariance) + H)
+        return T_world_body @ SE3.exp(-together @ g), together
+
+    @cached_property
+    def _T_body_world(self) -> Array:
+        return np.ascontiguousarray(self.T_world_body.inverse().matrix[:3])
+
+
+NO_EXPECTATION = Expectation(SE3.identity(), np.zeros((6, 6)))
+
 
 MAX_VIEWS, MANY_VIEWS = 4, 24  # of an image; of several, or a multiple: kernels are compiled for each such number
 

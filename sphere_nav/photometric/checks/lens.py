@@ -19,15 +19,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sphere_nav.estimation.covariance import clustered_covariance
-from sphere_nav.estimation.normal_equations import scaled_inverse
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import RIDGE, clustered_covariance, scaled_inverse, weigh
 from sphere_nav.geometry import FrameMotion, Spherical
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.judgement import Alignment
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.bias import LeastSquares
+from sphere_nav.photometric.align.esm import Alignment, register_rig
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import LeastSquares
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,
@@ -46,7 +43,6 @@ from sphere_nav.photometric.pixels.samples import Sample, cell_of, sample_images
 
 Steps = Mapping[str, int]  # by which the lens of each camera is longer
 NO_STEPS: Steps = MappingProxyType({})
-LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +148,6 @@ def _without_light(sample: Sample, J: Array) -> LeastSquares:
     light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(kept)), 0.5 * sample.at * CELLS])[kept]
     rows, weighted = np.column_stack([J, sample.residual])[kept], weight[kept, None] * light
     A, b = (sum_by_cell(number, weighted[:, :, None] * one[:, None]) for one in (light, rows))
-    floor = LIGHT_FLOOR * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(light.shape[1])
+    floor = RIDGE * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(light.shape[1])
     rows = rows - np.einsum("nl,nlk->nk", light, np.linalg.solve(A + floor, b)[number])
     return rows[:, :-1], rows[:, -1], number

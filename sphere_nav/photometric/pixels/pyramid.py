@@ -1,11 +1,11 @@
-"""Images and cameras from fine to coarse (M15 section 2.4)."""
+"""Images and cameras from fine to coarse (M15 section 2.4), as kernels take them, and the cone that a camera sees."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -14,10 +14,66 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import Camera
 from sphere_nav.geometry.cameras.pinhole import PlaneCamera
 from sphere_nav.geometry.cameras.spherical import level_cameras
-from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
-from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
+from sphere_nav.photometric.align.iteration.kernels import FISHEYE, NUM_COEFFICIENTS, PLANE, SIDE, SPHERICAL
+from sphere_nav.photometric.constants import CONE_GRID, CONE_MARGIN, MIN_LEVELS, SHARPER_LEVELS
 from sphere_nav.photometric.params import PyramidParams
 from sphere_nav.photometric.pixels import kernels
+
+Floats = NDArray[np.float32]
+KernelCamera: TypeAlias = tuple[int, Floats, Floats]
+
+MODELS = {
+    "pinhole": PLANE,
+    "double_sphere": PLANE,
+    "omni": PLANE,
+    "fisheye": FISHEYE,
+    "spherical": SPHERICAL,
+}
+EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
+
+
+@lru_cache(maxsize=64)
+def kernel_camera(camera: Camera) -> KernelCamera:
+    """Return model number, coefficients (17,) and shutter (8,), a global one, float32, as the kernels take them."""
+    coefficients = np.zeros(NUM_COEFFICIENTS, np.float32)
+    coefficients[: camera.coefficients.size] = camera.coefficients
+    return MODELS[camera.model], coefficients, np.zeros(8, np.float32)
+
+
+def rolling(camera: Camera, twist: NDArray[np.float64]) -> KernelCamera:
+    """Return the camera for kernels with the motion (6,) (v, omega) within its readout (cameras/rolling_shutter.py)."""
+    model, coefficients, _ = kernel_camera(camera)
+    return model, coefficients, np.array([*twist, 0.5 * (camera.height - 1), camera.height], np.float32)
+
+
+@lru_cache(maxsize=64)
+def view_cone(camera: Camera) -> Floats:
+    """Return the cone that holds all rays of a camera: axis (3,) and half angle in radians, together (4,) float32."""
+    if camera.is_whole:
+        return EVERYWHERE
+    u, v = np.linspace(-0.5, camera.width - 0.5, CONE_GRID), np.linspace(-0.5, camera.height - 0.5, CONE_GRID)
+    rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)).reshape(-1, 3)
+    rays = rays[~np.isnan(rays[:, 0])]
+    axis = rays.sum(axis=0)
+    length = np.linalg.norm(axis)
+    if not length > 0.1 * len(rays):  # all around, or nothing
+        return EVERYWHERE
+    angle = np.arccos(np.clip(np.min(rays @ (axis / length)), -1.0, 1.0)) + CONE_MARGIN
+    return np.array([*(axis / length), min(angle, np.pi)], np.float32)
+
+
+def in_blocks(pixels: Floats) -> Floats:
+    """Return blocks of pixels (7, N), point, grey level and gradient, filled up with points that no camera sees."""
+    rows, number = pixels.shape
+    blocks = np.zeros((rows, -(-number // SIDE) * SIDE), np.float32)
+    blocks[:, :number], blocks[:3, number:] = pixels, np.nan
+    return np.ascontiguousarray(blocks.reshape(rows, -1, SIDE).swapaxes(0, 1)).reshape(-1)
+
+
+def kernel_motion(matrix: NDArray[np.float64]) -> Floats:
+    """Return the upper rows (3, 4) float32 of a rigid motion, as kernels take it."""
+    return np.ascontiguousarray(matrix[:3], dtype=np.float32)
+
 
 Image = NDArray[Any]
 LINES: dict[type, Any] = {np.uint8: np.uint16, np.uint16: np.uint32, np.float32: np.float32}  # hold eight of them

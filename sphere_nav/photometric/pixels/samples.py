@@ -14,14 +14,11 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.projection import Floats, KernelCamera, in_blocks, kernel_motion, rolling
-from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.align.problem import MAX_VIEWS, RigImage, share_pixels
 from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Level
-from sphere_nav.photometric.pixels.reference import Selection
-from sphere_nav.photometric.pixels.selection import choose_pixels
+from sphere_nav.photometric.pixels.pyramid import Floats, KernelCamera, Level, in_blocks, kernel_motion, rolling
+from sphere_nav.photometric.pixels.reference import Selection, choose_pixels
 
 SQUARE = kernels.TA, kernels.TB, kernels.TC, kernels.TD, kernels.DU, kernels.DV  # grey levels, and where between them
 

@@ -22,7 +22,6 @@ from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.appearance.kernels import score_turns
 from sphere_nav.spheres.constants import (
-    APART_TURNS,
     CELL_REACH,
     CELL_SIDE,
     GRID_WIDTH,
@@ -91,7 +90,7 @@ def rank_headings(view: PartedView, panorama: Floats, count: int) -> list[Headin
             break
         shifts = beside[np.argmax(by_cell[:, (turn + beside) % GRID_WIDTH], axis=1)]
         found.append(Heading(-(turn + float(np.median(shifts))) * TURN_RAD, float(likeness[turn])))
-        likeness[np.arange(turn - APART_TURNS, turn + APART_TURNS + 1) % GRID_WIDTH] = -np.inf
+        likeness[np.arange(turn - CELL_SIDE, turn + CELL_SIDE + 1) % GRID_WIDTH] = -np.inf
     return found
 
 

@@ -24,7 +24,7 @@ from dense_localizer.motion_prior import measure_position_sigma
 from dense_localizer.params import DenseLocalizerParams, LocalizerParams
 from dense_localizer.ros.drive_recorder import EXPLAINED, IMAGE, INFO, POSE, SPHERE_INFO, STATUS, drives_of
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.estimation.least_squares import symmetric_inverse
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays

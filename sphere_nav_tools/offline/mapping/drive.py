@@ -13,7 +13,7 @@ import numpy as np
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
-from sphere_nav.estimation.gates import gate, squared_distance
+from sphere_nav.estimation.least_squares import gate, squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory

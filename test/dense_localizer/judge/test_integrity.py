@@ -6,23 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import MIN_VISIBLE_SHARE
+from dense_localizer.constants import GOOD_OVERLAP
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
+from dense_localizer.judge.integrity import CHECKS_DUE, Integrity, align_rig
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References, RigChoice
-from dense_localizer.track.candidates import align_rig
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, TRUSTED, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.structure import EVERYTHING, Aspect, Structure
-from sphere_nav.photometric.checks.support import NO_SUPPORT
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import EVERYTHING, NO_SUPPORT, Aspect, PoseBias, Structure
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
@@ -100,7 +96,7 @@ def test_a_view_that_no_key_sphere_covers_is_refused_by_how_little_they_cover(ro
     references = References(room_map, LocalizerParams())
     nothing = RigChoice((), replace(Choice.merge(()), overlap=0.05))
     found = Integrity(references, LocalizerParams()).assess(nothing, None, Prediction.guess(at(0.0))).finding
-    assert (found.reason, found.value, found.limit) == (Reason.LOW_OVERLAP, 0.05, MIN_VISIBLE_SHARE)
+    assert (found.reason, found.value, found.limit) == (Reason.LOW_OVERLAP, 0.05, GOOD_OVERLAP)
     references.close()
 
 

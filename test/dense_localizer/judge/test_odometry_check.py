@@ -84,8 +84,8 @@ def test_a_place_that_is_again_where_odometry_says_is_believed_at_once():
     assert [drive.step(is_trusted=False).reason for _ in range(4)] == [Reason.NONE] * 4
 
 
-@pytest.mark.parametrize(("sigmas", "is_disputed"), [(5.9, False), (6.1, True)])
-def test_six_standard_deviations_from_where_odometry_says_are_disputed(sigmas, is_disputed):
+@pytest.mark.parametrize(("sigmas", "is_disputed"), [(5.5, False), (5.7, True)])
+def test_what_is_an_innovation_too_far_from_where_odometry_says_is_disputed(sigmas, is_disputed):
     """Both places err by their covariance, a comparison by 5 mm, 2 mrad at least."""
     for axis in [0, 4]:
         check, sigma = OdometryCheck(ERROR), np.sqrt(2 * COVARIANCE[axis, axis] + (0.005, 0.002)[axis // 3] ** 2)

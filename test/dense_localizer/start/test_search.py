@@ -13,7 +13,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.spheres.graph import Experience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at, locate
 

@@ -12,7 +12,7 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map

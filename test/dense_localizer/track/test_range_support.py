@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dense_localizer.inputs import CameraImage
-from dense_localizer.judge.acceptance import Acceptance
-from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.candidate import Acceptance, PoseCandidate
 from dense_localizer.motion_prior import Prediction
+from dense_localizer.params import LocalizerParams
 from dense_localizer.track.range_support import RangeSupport, join
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import FINE, Reason
@@ -55,7 +55,7 @@ def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monk
     monkeypatch.setattr("dense_localizer.track.range_support.measure_motion_by_ranges", measure)
     by_map = np.diag([4.0, 1.0, 2.0, 0.5, 3.0, 6.0])
     error = SimpleNamespace(covariance=lambda *_: by_map)
-    support = RangeSupport(SimpleNamespace(covering=lambda *_: nodes, error=error), None)
+    support = RangeSupport(SimpleNamespace(covering=lambda *_: nodes, error=error), LocalizerParams())
     monkeypatch.setattr(support, "_range_of", lambda one: one)
     depth = DepthImage(np.ones((96, 128)), DEPTH_CAMERA, T_IMAGE_DEPTH)
     fit, T_map_body, covariance = support._place(depth, at(0.5, 0.0, 0.3))
@@ -109,7 +109,7 @@ def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_jo
     acceptance = Acceptance(is_accepted=True, is_good=False, finding=FINE, quality=0.1)
     prediction = Prediction(pose, 0.05**2 * np.eye(6), 1)
     given = PoseCandidate(pose @ off, 0.02**2 * np.eye(6), prediction, None, acceptance)
-    found = support.support(frame, given)
+    found = support.support(frame.depth, given)
     assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
     assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03
     assert np.trace(found.covariance) < np.trace(given.covariance)

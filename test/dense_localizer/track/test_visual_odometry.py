@@ -16,7 +16,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.localization.status import Reason, Verdict
 from sphere_nav.params import build
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, at, locate, make_map
 from worlds.room import sharp_room

@@ -10,7 +10,7 @@ from rig_calibration.drive import proof
 from rig_calibration.drive.drive_image import collect
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from rig_calibration.drive.proof import lens_distance, prove, speed_in_image
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.least_squares import weigh
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
 from sphere_nav.photometric import View, build_pyramid, prepare_reference

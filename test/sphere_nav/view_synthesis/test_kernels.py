@@ -3,7 +3,7 @@
 import numpy as np
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.photometric.pixels.pyramid import kernel_camera, kernel_motion
 from sphere_nav.view_synthesis import kernels
 
 F = np.float32

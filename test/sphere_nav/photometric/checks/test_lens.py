@@ -5,9 +5,8 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.judgement import Alignment
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.esm import Alignment, register_rig
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.checks import lens
 from sphere_nav.photometric.checks.lens import NO_STEPS, find_stretches, solve_stretches
 from sphere_nav.photometric.pixels.samples import Sample

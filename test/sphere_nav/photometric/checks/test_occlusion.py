@@ -7,9 +7,8 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.occlusion import find_occlusion_bias, keep_agreeing
-from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import find_occlusion_bias, find_rig_structure, keep_agreeing
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import BESIDE, soft_room, structure_of, views_of
 

@@ -7,11 +7,10 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams, build_pyramid, register
-from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
-from sphere_nav.photometric.checks.support import find_support
-from sphere_nav.photometric.constants import MIN_SAMPLES
-from sphere_nav.photometric.parts.votes import Votes, vote
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure, find_support
+from sphere_nav.photometric.constants import MIN_VIEW_PIXELS
+from sphere_nav.photometric.parts.registration import Votes, vote
 from sphere_nav.photometric.pixels.samples import sample_images
 from worlds.parked import CAMERA, SPHERE, TRUTH, other_day, parked
 from worlds.room import optical, views_of
@@ -35,7 +34,7 @@ class Looked:
 
     def vote(self, T_world_camera) -> Votes:
         sample = sample_images(self.images, T_world_camera, self.found.light, PARAMS)
-        return vote(self.images, PARAMS, sample.of_views(MIN_SAMPLES))
+        return vote(self.images, PARAMS, sample.of_views(MIN_VIEW_PIXELS))
 
     def support(self, T_world_camera, T_predicted=None):
         return find_support(self.vote, T_world_camera, T_predicted)

@@ -8,12 +8,18 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
-from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.kernels import UNKNOWN
-from sphere_nav.photometric.pixels.pyramid import halve
-from sphere_nav.photometric.pixels.reference import in_codes, in_steps, is_spaced, keep_evenly_spaced
-from sphere_nav.photometric.pixels.squares import Squares, curve, kernel_rays
+from sphere_nav.photometric.pixels.pyramid import halve, kernel_camera, kernel_motion
+from sphere_nav.photometric.pixels.reference import (
+    ReferenceLevel,
+    curve,
+    in_codes,
+    in_steps,
+    is_spaced,
+    keep_evenly_spaced,
+    kernel_rays,
+)
 from worlds.blocks import in_blocks
 
 CAMERAS = [
@@ -100,16 +106,16 @@ def test_squares_hold_points_and_hide_nothing_that_a_camera_sees(camera, rng):
     range_m[rng.random(range_m.shape) < 0.3] = np.nan
     range_m[40:48, 16:32] = np.nan  # half a square
     image = in_steps(rng.uniform(0, 255, range_m.shape).astype(np.float32), 1)
-    squares = Squares(image, sphere, 1, in_codes(range_m), 100.0)
-    assert squares.num_pixels == np.sum(~np.isnan(range_m[1:-1]))
-    places, pool, _ = squares.all()
+    level = ReferenceLevel(image, sphere, 1, in_codes(range_m), 100.0)
+    assert level.num_pixels == np.sum(~np.isnan(range_m[1:-1]))
+    places, pool, _ = level.all()
     points = pool.reshape(-1, 7, SIDE)[places, :3].transpose(1, 0, 2)
-    bounds = squares.bounds[curve(128, 64)]
+    bounds = level.bounds[curve(128, 64)]
     for bound, some in zip(bounds[bounds[:, 3] >= 0], points.transpose(1, 2, 0), strict=True):
         off = np.linalg.norm(some[~np.isnan(some[:, 2])] - bound[:3], axis=1)
         assert off.max() <= bound[3] * 1.001
     for T in (SE3.identity(), SE3.exp(rng.normal(size=6))):
-        near = squares.near(T, camera)
+        near = level.near(T, camera)
         seen = np.empty(near.places.size * SIDE, np.int32)
         args = (kernel_motion(T.matrix), kernel_camera(camera), camera.width, camera.height)
         found = set(seen[: kernels.find_visible(near.places, near.pool, *args, seen)].tolist())

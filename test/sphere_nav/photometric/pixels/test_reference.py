@@ -1,4 +1,8 @@
-"""Prepared references hold points, grey levels and gradients by the point."""
+"""Prepared references hold points, grey levels and gradients by the point; which pixels a camera is compared with."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -6,8 +10,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
-from sphere_nav.photometric.pixels.reference import prepare_level
-from sphere_nav.photometric.pixels.squares import curve
+from sphere_nav.photometric.pixels.reference import choose_pixels, curve, holds, prepare_level, select
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
@@ -92,3 +95,65 @@ def test_any_piece_of_the_curve_is_a_patch():
         row, column = order[first : first + 16] // 32, order[first : first + 16] % 32
         assert np.ptp(row) < 4
         assert np.ptp(column) < 4
+
+
+WIDER = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+SPHERE = Spherical(1024, 512)
+T_CAMERA_BODY = SE3.from_parts([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, 0, 0])
+A = SE3.from_planar(0.5, -0.4, 0.3)
+
+
+@pytest.fixture(scope="module")
+def reference(room):
+    image, range_m = room.render(SPHERE, A)
+    return prepare_reference(image, range_m, SPHERE)
+
+
+@pytest.fixture(scope="module")
+def levels():
+    return build_pyramid(np.zeros((120, 160), np.uint8), WIDER).levels
+
+
+def test_the_reference_level_matches_the_resolution_of_the_image(reference, levels):
+    assert reference.level_like(levels[0].camera).camera.width == 512  # 163 px/rad halved once is nearest to 110
+    assert reference.level_like(levels[1].camera).camera.width == 256
+
+
+def test_only_what_is_seen_is_made(room):
+    image, range_m = room.render(SPHERE, A)
+    made = prepare_reference(image, range_m, SPHERE)
+    empty = made.num_bytes
+    select(made.levels[1], T_CAMERA_BODY, WIDER, 500)
+    some = made.num_bytes
+    assert empty < some
+    for level in made.levels:
+        level.all()
+    assert some - empty < 0.2 * (made.num_bytes - empty)
+
+
+def test_a_selection_holds_for_a_tenth_of_the_width(reference):
+    pixels = reference.levels[1]
+    first = choose_pixels(pixels, T_CAMERA_BODY, WIDER, 400)
+
+    def turned(share):
+        """Return the pose after a turn that moves the image by a share of its width."""
+        return SE3.exp([0, 0, 0, 0, share * WIDER.width / WIDER.fx, 0]) @ T_CAMERA_BODY
+
+    assert choose_pixels(pixels, turned(0.098), WIDER, 400) is first
+    assert not holds(pixels, turned(0.098), WIDER, 400, 0.05)
+    assert choose_pixels(pixels, turned(0.102), WIDER, 400) is not first
+    chosen = sum(one.blocks.nbytes for one in pixels.selections.values())
+    with_them = pixels.num_bytes
+    pixels.selections.clear()
+    assert with_them - pixels.num_bytes == chosen >= first.blocks.nbytes
+
+
+@pytest.mark.slow
+def test_threads_see_the_same_squares(room):
+    reference = prepare_reference(*room.render(SPHERE, A), SPHERE)
+    turns = [SE3.exp([0, 0, 0, 0, 0.1 * k, 0]) @ T_CAMERA_BODY for k in range(60)]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda T: select(reference.levels[0], T, WIDER, 500), turns))
+    alone = prepare_reference(*room.render(SPHERE, A), SPHERE)
+    for T, one in zip(turns, found, strict=True):
+        assert np.array_equal(one.blocks, select(alone.levels[0], T, WIDER, 500).blocks, equal_nan=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.pixels.samples import sample_views
 
 NUM_SAMPLES = 2048  # written out: imported, a change would go unseen

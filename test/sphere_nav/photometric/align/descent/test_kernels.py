@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sphere_nav.estimation.robust import huber_weights, median_and_mad
+from sphere_nav.estimation.least_squares import huber_weights, median_and_mad
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_SUMS
-from sphere_nav.photometric.align.projection import kernel_camera
+from sphere_nav.photometric.pixels.pyramid import kernel_camera
 from worlds.blocks import Case
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sphere_nav.estimation.robust import median_and_mad
+from sphere_nav.estimation.least_squares import median_and_mad
 from sphere_nav.geometry import Fisheye, Omni, Pinhole, Spherical
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric.align.iteration import kernels
-from sphere_nav.photometric.align.projection import kernel_camera, rolling
+from sphere_nav.photometric.pixels.pyramid import kernel_camera, rolling
 from worlds.blocks import Case, points_before, rows
 
 CAMERAS = [

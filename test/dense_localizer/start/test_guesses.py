@@ -1,23 +1,53 @@
-"""The search in a light that no key sphere was taken in."""
+"""Where an image is of by its features and by its edges, in any light."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from dense_localizer.inputs import LocalizerInput
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_edges import GRID, EdgeSearch, _cut
+from dense_localizer.start.guesses import GRID, EdgeSearch, _cut
 from dense_localizer.start.search import PoseSearch
+from dense_localizer.start.startup import Startup, decide
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.photometric.align.rig import RigImage
-from worlds.localizer import SMALL_IMAGES, at, locate, make_map
+from sphere_nav.photometric.align.problem import RigImage
+from sphere_nav.spheres.graph import KeySphere
+from worlds.localizer import SMALL_IMAGES, MemoryMap, at, locate, make_map
 from worlds.relit import EdgedRoom, relit
+from worlds.room import sharp_room
+
+pytestmark = pytest.mark.slow
+
+NUM_RETRIEVED = 12
+
+LENS = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
+PARAMS = build(LocalizerParams, SMALL_IMAGES)
+ROOMS = [sharp_room(seed=seed) for seed in range(NUM_RETRIEVED + 4)]
+GAP = 40.0  # m between the rooms
+
+
+def test_a_large_map_is_searched_by_what_it_looks_like():
+    camera = Spherical(512, 256)
+    spheres = [room.sphere(SE3.identity(), camera) for room in ROOMS]
+    nodes = [KeySphere(k, k, SE3.from_planar(GAP * k, 0, 0), sphere) for k, sphere in enumerate(spheres)]
+    references = References(MemoryMap(nodes), PARAMS)
+    number, pose = 15, at(0.2, 0.1, 3.0)
+    images = [RigImage(build_pyramid(ROOMS[number].photograph(LENS, pose, 3), LENS, PARAMS.registration.pyramid))]
+    poses = Startup(references, PARAMS).propose(images[0])
+    start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
+    assert start.candidate is not None
+    distance, angle = start.candidate.T_map_camera.distance(SE3.from_planar(GAP * number, 0, 0) @ pose)
+    assert distance < 0.02
+    assert angle < 0.01
+
 
 ROOM = EdgedRoom(half=(6.0, 4.0, 2.0), wave_numbers=(1.0, 10.0, 60))
 CAMERA = Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5)
-PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +87,7 @@ def test_edges_say_at_which_heading_to_try_the_sphere_and_before_and_behind_it_a
 
 def test_what_is_cut_of_an_image_is_its_edges_or_those_of_its_contrast(monkeypatch):
     image, cut = seen(at(0.4, 0.1, 0.3)).pyramid, []
-    monkeypatch.setattr("dense_localizer.start.by_edges.cut_view", lambda picture, camera, _: cut.append(camera))
+    monkeypatch.setattr("dense_localizer.start.guesses.cut_view", lambda picture, camera, _: cut.append(camera))
     for by_contrast in (False, True):
         _cut(image, SE3.identity(), by_contrast=by_contrast)
     assert cut[0] == CAMERA

@@ -1,17 +1,28 @@
-"""Scaled solves: signs, units, what is not seen, and the covariance against Monte Carlo."""
+"""Scaled solves, the covariance against Monte Carlo, gates as rare as told, robust weights by their definitions."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from sphere_nav.estimation import kernels
-from sphere_nav.estimation.covariance import clustered_covariance
-from sphere_nav.estimation.normal_equations import (
+from sphere_nav.estimation.least_squares import (
+    cauchy_weights,
+    clustered_covariance,
+    gate,
+    huber_weights,
     inverse_and_condition,
+    median_and_mad,
     scaled_inverse,
     scaled_step,
+    squared_distance,
+    squared_mahalanobis,
     symmetric_inverse,
+    weigh,
     weighted_step,
 )
+from sphere_nav.geometry import SE3
 
 RIDGE = 1e-9  # written out: imported, a change would go unseen
 
@@ -93,3 +104,50 @@ def test_newton_step_finds_the_minimum_of_the_quadratic_and_refuses_what_is_not_
         H[3, :] = H[:, 3] = 0.0
         H[3, 3] = spoil
         assert not kernels.newton_step(H, g, 0)[1]
+
+
+def test_a_gate_is_the_quantile_that_chance_exceeds_at_its_rate():
+    for dof, rate in [(1, 0.05), (3, 1e-4), (6, 0.05), (8, 5e-4)]:
+        assert chi2.sf(gate(dof, rate), dof) == pytest.approx(rate, rel=1e-9)
+    assert chi2.sf(gate(6), 6) == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_poses_that_err_by_their_covariance_are_as_far_apart_as_chi_squared_says(rng):
+    root = rng.normal(size=(6, 6)) * [0.1, 0.1, 0.1, 0.02, 0.02, 0.02]
+    covariance, T = root.T @ root, SE3.exp(rng.normal(size=6))
+    xi = rng.multivariate_normal(np.zeros(6), covariance, 3000)
+    found = [squared_distance(T, T @ SE3.exp(one), covariance) for one in xi]
+    np.testing.assert_allclose(found[:9], [squared_mahalanobis(one, covariance) for one in xi[:9]], rtol=1e-9)
+    assert np.mean(np.array(found) > gate(6, 0.05)) == pytest.approx(0.05, abs=0.016)  # four standard errors
+
+
+CAUCHY, HUBER = 2.385, 1.345  # written out: imported, a change would go unseen
+
+
+def test_median_and_mad_are_those_of_what_is_known():
+    assert median_and_mad(np.array([1.0, np.nan, 2.0, 4.0, 9.0])) == (3.0, 1.5)
+
+
+def test_huber_weights_fall_as_the_share_beyond_the_bound_and_cauchy_weights_are_half_at_the_scale():
+    np.testing.assert_array_equal(huber_weights(np.array([0.0, 1.0, 2.0, 4.0, 8.0]), 2.0), [1.0, 1.0, 1.0, 0.5, 0.25])
+    np.testing.assert_array_equal(huber_weights(np.array([0.0, 1e9]), np.inf), [1.0, 1.0])
+    assert np.isnan(huber_weights(np.array([np.nan]), 2.0)[0])
+    np.testing.assert_allclose(cauchy_weights(np.array([0.0, 1.0, 9.0])), [1.0, 0.5, 0.1])
+
+
+def test_both_constants_are_95_percent_efficient_for_normal_errors():
+    """The variance of an M-estimate of a mean is E[psi^2] / E[psi']^2, that of the mean is 1."""
+    for weights in [lambda e: huber_weights(np.abs(e), HUBER), lambda e: cauchy_weights((e / CAUCHY) ** 2)]:
+        e = np.random.default_rng(5).normal(size=400_000)
+        psi, step = weights(e) * e, 1e-4
+        slope = (weights(e + step) * (e + step) - psi) / step
+        assert np.mean(slope) ** 2 / np.mean(psi**2) == pytest.approx(0.95, abs=0.003)
+
+
+def test_weigh_divides_by_the_variance_of_the_middle_half():
+    residual = np.append(np.random.default_rng(6).normal(7.0, 3.0, 20_000), 1e4)
+    weight, sigma = weigh(residual, 1.0)
+    assert sigma == pytest.approx(3.0, rel=0.02)
+    assert weight.max() == pytest.approx(1.0 / sigma**2)
+    assert weight[-1] == pytest.approx(HUBER * sigma / (1e4 - np.median(residual)) / sigma**2)
+    assert weigh(np.zeros(9), 0.5)[1] == 0.5
