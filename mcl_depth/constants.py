@@ -108,12 +108,10 @@ IMAGE_CLIP = np.float32(4.0)  # of the contrast
 ENCODED_RANGE_M = np.float32(0.3), np.float32(200.0)  # nearest and farthest range that is told from others
 MIN_SEEN = 0.9  # of the panorama that an image must show
 
-# One image against every cell (likeness/test_gradient_filter)
-NUM_SAMPLES = 1500  # cells whose spectra tell how large a code is
-CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
+# One image against every cell (likeness/test_gradients)
 NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees
 NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
-FINENESS, PART_FINENESS = 2, 5  # curves, learned or of gradients, have so many times the headings: the best counts
+FINENESS = 5  # curves have so many times the headings: the best counts
 ROOT = 0.5  # power of an image's gradients: windows and furniture have the strongest (mcl_homes)
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 

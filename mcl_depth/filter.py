@@ -21,9 +21,7 @@ from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_s
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import num_alpha_for
-from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison, DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
@@ -37,7 +35,6 @@ class Filter:
 
     def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
-        self.num_headings = num_alpha_for(params.heading_step_deg)
         self._input = InputCheck(params.input)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, params.motion)
@@ -97,7 +94,7 @@ class Filter:
         gray, is_seen, finding = self.map.level(observation.image, observation.camera, observation.rotation)
         if finding is not FINE:
             return self.refuse(observation.stamp_ns, finding)
-        estimate = self._localize(seen, Comparison(self.map.likeness.image(gray, is_seen), self.map, self.num_headings))
+        estimate = self._localize(seen, Comparison(self.map.likeness.image(gray, is_seen), self.map))
         pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate

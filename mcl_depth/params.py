@@ -40,7 +40,7 @@ class ComparisonParams:
 
 @parameters
 class LikenessParams:
-    """How an image is compared with depth images (`likeness/features.py`, `likeness/learned.py`)."""
+    """How an image is compared with depth images (`likeness/gradients.py`, `likeness/learned.py`)."""
 
     kind: str = param(
         "auto",
@@ -135,6 +135,11 @@ class FilterParams:
     resampling: ResamplingParams = group(ResamplingParams)
     state: MclStateParams = group(MclStateParams)
     input: MclInputParams = group(MclInputParams)
+
+    @property
+    def num_headings(self) -> int:
+        """How many headings are compared."""
+        return round(360.0 / self.heading_step_deg)
 
 
 @parameters

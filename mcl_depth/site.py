@@ -91,7 +91,6 @@ class Site:
         places = self.grid.positions
         num_missing = self.depth_map.fill(places, at_most)
         if not num_missing:
-            self.depth_map.prepare(places)
             self.depth_map.ranges_from(np.array([*places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(places)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.constants import UNMODELED
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import Status

@@ -2,7 +2,7 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/gradient_filter.py`), and these fields are summed along odometry (`joint_evidence.py`).
+(`likeness/spectra.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
 The best place of the map is then held against two things. Drives that are not in the map are made of the same images
 (`JointEvidence`): what they reach by chance, the drive itself reaches by chance, in n images more or
@@ -47,7 +47,7 @@ from mcl_depth.constants import (
     ROOM_M,
     TAIL,
 )
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.geometry.arrays import TINY, Array
 
 
@@ -152,7 +152,7 @@ class Evidence:
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
-            curves = _contrast(comparison.survey(rows[is_there]))
+            curves = _contrast(comparison.survey(self._grid.positions[rows[is_there]]))
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
@@ -160,7 +160,7 @@ class Evidence:
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field = standardize(comparison.survey(), self._grid)
+        field = standardize(comparison.survey(self._grid.positions), self._grid)
         joint, level = self._drives.add(field, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)

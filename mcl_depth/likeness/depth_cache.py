@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.files.untrusted import read_npy
 
 Cell = tuple[int, int]
-Stack: TypeAlias = NDArray[np.void]  # depth features of panoramas, a record for each
+Stack: TypeAlias = Mapping[
+    str, NDArray[Any]
+]  # depth features of panoramas by name, the first axis is that of panoramas
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -51,10 +53,11 @@ def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
 class DepthCache:
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, record: np.dtype[np.void]) -> None:
-        """`record`: what is to be kept of each panorama."""
-        self.capacity = max(max_bytes // record.itemsize, 1)
-        self.stack: Stack = np.empty(self.capacity, record)  # memory is taken when it is written to
+    def __init__(self, max_bytes: int, one: Stack) -> None:
+        """`one`: features of one panorama, whatever they are."""
+        self.capacity = max(max_bytes // sum(part.nbytes for part in one.values()), 1)
+        shapes = {name: (self.capacity, *part.shape[1:]) for name, part in one.items()}
+        self.stack = {name: np.empty(shapes[name], part.dtype) for name, part in one.items()}  # memory comes when used
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
     def __len__(self) -> int:
@@ -77,21 +80,25 @@ class DepthCache:
             is_full = len(self._slots) >= self.capacity
             self._slots[key] = self._slots.popitem(last=False)[1] if is_full else len(self._slots)
         slots = np.array([self._slots[key] for key in keys_of(cells)], dtype=np.int64)
-        self.stack[slots] = features
+        for name, part in self.stack.items():
+            part[slots] = features[name]
         return slots
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder; the last one to write wins."""
-        cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
-        save_arrays(folder, {"cells": cells, "features": self.stack[list(self._slots.values())]})
+        cells, slots = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2), list(self._slots.values())
+        save_arrays(folder, {"cells": cells} | {name: part[slots] for name, part in self.stack.items()})
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote, as much as fits. A damaged folder is ValueError."""
-        found = load_arrays(folder, ("cells", "features"))
+        found = load_arrays(folder, ("cells", *self.stack))
         if found is None:
             return
-        cells, kept = found
-        if kept.shape != (len(cells),) or kept.dtype != self.stack.dtype:
-            expected = f"{len(cells)} of {self.stack.dtype}"
-            raise ValueError(f"{folder}: expected features {expected}, found {kept.shape} of {kept.dtype}")
-        self.insert(cells[-self.capacity :], kept[-self.capacity :])
+        cells, *parts = found
+        for kept, (name, part) in zip(parts, self.stack.items(), strict=True):
+            expected = (len(cells), *part.shape[1:])
+            if kept.shape != expected or kept.dtype != part.dtype:
+                found_ = f"{kept.shape} of {kept.dtype}"
+                raise ValueError(f"{folder}: {name}: expected {expected} of {part.dtype}, found {found_}")
+        last = slice(-self.capacity, None)
+        self.insert(cells[last], {name: kept[last] for name, kept in zip(self.stack, parts, strict=True)})

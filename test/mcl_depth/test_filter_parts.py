@@ -25,14 +25,16 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
 
 
 def features(value, count=1):
-    """Features of so many panoramas, all of one value."""
-    found = np.empty(count, [("scale", np.float32), ("magnitudes", np.uint8, (4, 8))])
-    found["scale"], found["magnitudes"] = value, value
-    return found
+    """Features of so many panoramas, all of one value: 36 bytes each."""
+    return {"scale": np.full(count, value, np.float32), "magnitudes": np.full((count, 4, 8), value, np.uint8)}
+
+
+def cache_of(num_panoramas):
+    return DepthCache(num_panoramas * 36, features(0))
 
 
 def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
-    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(3)
     for number in range(3):
         cache.insert([(number, 0)], features(number))
     cache.find([(0, 0)])
@@ -40,7 +42,7 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert (1, 0) not in cache
     assert cache.stack["scale"][cache.find([(0, 0)])[0]] == 0.0
     cache.save(tmp_path / "kept")
-    again = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    again = cache_of(3)
     again.load(tmp_path / "kept")
     assert len(again) == 3
     assert again.stack["scale"][again.find([(9, 9)])[0]] == 9.0
@@ -76,34 +78,35 @@ def test_waypoints_are_evenly_spaced():
     np.testing.assert_allclose(points, [[0, 0], [1.5, 0], [3, 0], [3, 1.5], [3, 3]])
 
 
-@pytest.mark.parametrize("name", ["cells", "features"])
+@pytest.mark.parametrize("name", ["cells", "scale"])
 def test_a_cache_of_another_size_or_kind_is_refused(tmp_path, name):
-    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(3)
     cache.insert([(1, 2), (3, 4)], features(1, 2))
     cache.save(tmp_path / "kept")
     found = np.load(tmp_path / "kept" / f"{name}.npy")
     np.save(tmp_path / "kept" / f"{name}.npy", found[:1])
-    with pytest.raises(ValueError, match=r"kept: expected features"):
-        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
+    with pytest.raises(ValueError, match=r"kept: scale: expected"):
+        cache_of(1000).load(tmp_path / "kept")
     np.save(tmp_path / "kept" / "cells.npy", np.zeros((2, 2), np.int64))
-    np.save(tmp_path / "kept" / "features.npy", np.zeros(2, [("scale", np.float32), ("magnitudes", np.uint8, (4, 7))]))
-    with pytest.raises(ValueError, match=r"kept: expected features 2 of"):
-        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
+    np.save(tmp_path / "kept" / "scale.npy", np.zeros(2, np.float32))
+    np.save(tmp_path / "kept" / "magnitudes.npy", np.zeros((2, 4, 7), np.uint8))
+    with pytest.raises(ValueError, match=r"kept: magnitudes: expected \(2, 4, 8\) of uint8, found \(2, 4, 7\)"):
+        cache_of(1000).load(tmp_path / "kept")
 
 
 def test_a_smaller_cache_takes_what_was_used_last(tmp_path):
-    cache = DepthCache(4 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(4)
     for number in range(4):
         cache.insert([(number, -number)], features(number))
     cache.find([(0, 0)])
     cache.save(tmp_path / "kept")
-    small = DepthCache(2 * features(0).nbytes + 5, features(0).dtype)
+    small = DepthCache(2 * 36 + 5, features(0))
     small.load(tmp_path / "kept")
     assert len(small) == 2
     slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
     assert (slots >= 0).tolist() == [True, True, False, False]
     assert small.stack["scale"][slots[:2]].tolist() == [3.0, 0.0]
-    assert DepthCache(1, features(0).dtype).capacity == 1
+    assert DepthCache(1, features(0)).capacity == 1
     small.load(tmp_path / "none")
     assert len(small) == 2
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
@@ -45,14 +46,15 @@ class Images:
     """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
 
     def __init__(self, grid, seed, pose=None, signal=0.0):
+        self._positions = grid.positions
         self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
         if pose is not None:
             nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
             heading = round(pose[2] / (2 * np.pi) * NUM_HEADINGS) % NUM_HEADINGS
             self._curves[nearest, heading] += 0.02 * signal
 
-    def survey(self, rows=None):
-        return self._curves[slice(None) if rows is None else rows].astype(np.float32)
+    def survey(self, positions):
+        return self._curves[cKDTree(self._positions).query(positions)[1]].astype(np.float32)
 
 
 def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
