@@ -19,7 +19,7 @@ MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, where
 STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
 UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
 
-# Particles, N17 section III-C (belief/test_resampling, test_filter_parts)
+# Particles, N17 section III-C (belief/test_particles)
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
 MIN_PARTICLES = 300  # of a belief in one place
 KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
@@ -32,7 +32,7 @@ GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
-# Hypotheses (belief/test_hypotheses)
+# Hypotheses (belief/test_estimate)
 CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
 MAX_HYPOTHESES = 5  # places that are told
 
@@ -49,7 +49,7 @@ MAX_CELLS = 20_000  # compared with one image; of a larger map every second, thi
 LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
-NUM_MAXIMA, MAXIMA_SHARE, TAIL = 40, 0.5, 0.05  # of a map; of all at most; of those that it has room for
+NUM_MAXIMA, TAIL = 40, 0.05  # of a map; of those that it has room for
 CHANCE_SIGMA = 0.9, 1.35  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
 # extent of a drive from which on its images err independently, elsewhere and at a rival (docs/notes/joint_evidence.md)
@@ -62,7 +62,6 @@ FORGETTING = np.float32(0.97)  # of what was known, with every image that counts
 COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
 STEP_EVERY = 2  # images that count in full
 NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
-WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
 NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 
 # Watch over a held place (belief/test_watch)
@@ -70,7 +69,6 @@ PATCH, MIN_PATCH = 11, 20  # cells across what a held place is watched in; fewes
 NEAR = 1  # cells, and steps of headings, around the held place that count as that place
 OTHER_HEADINGS = 3  # steps from its heading on which others begin
 RIGHT_MEAN, RIGHT_SIGMA = 4.0, 1.5  # of how far a right place stands out, in standard deviations
-MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
@@ -115,26 +113,22 @@ FINENESS = 5  # curves have so many times the headings: the best counts
 ROOT = 0.5  # power of an image's gradients: windows and furniture have the strongest (mcl_homes)
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 
-# Depth images of clouds (geometry/test_synthesis, geometry/test_surfels)
+# Depth images of clouds (geometry/test_synthesis)
 NEAREST_M = 0.2  # below which nothing is drawn
 SPLAT = 1.5  # width and height of a single point by the spacing of the points, so that surfaces close
-COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
 MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for triangles to show what splats show
 NUM_NEIGHBORS = 9  # nearest voxels whose plane is that of a voxel, itself among them
 NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface; not on a line
 INRADIUS = 0.75  # of the triangle of a voxel, by its size: gaps close, edges hardly grow
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
-BODY = 0.3  # points this far above or below the camera are in its way, m
 GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square of ground or floor; how far one lends its height
 MAX_BLIND_M = 8.0  # around a scanner that saw no ground beneath it: 1.8 m up, from 13 degrees below the horizon on
-RAY, RAY_SPREAD = np.radians([0.35, 0.25]), 1.5  # azimuth and elevation of a direction; largest ratio of ranges in it
-SWEEP_SHARE = 0.9  # of the directions of one sweep that show one surface; the others cross an edge
-FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
+MIN_FLOOR_SHARE = 0.5  # of a room's squares that have a floor
 MIN_HEIGHT_M = 0.05  # of a camera above the ground; less is a mounting that nobody told (test_filter)
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
-MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
-MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet
+MAX_OFF_WALL = 0.15  # m from an opening to its wall
+MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between ends of walls that meet, a door and the foot of its wall
 
 # Untrusted maps (geometry/test_files): what a file says is refused beyond these
 MAX_HEADER = 1 << 16  # bytes of a file
@@ -159,4 +153,4 @@ MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond,
 
 # What is compared, and where one can be (geometry/test_synthesis, geometry/test_area)
 ELEVATIONS_DEG = (-42.5, 42.5)  # lowest and highest elevation of a panorama (N17)
-CLEARANCE = 0.3  # m of free space around the camera
+CLEARANCE = 0.3  # m of free space around the camera, above and below it; and to a point of a floor

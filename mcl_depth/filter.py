@@ -12,13 +12,27 @@ from dataclasses import replace
 import numpy as np
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
+from mcl_depth.belief.estimate import (
+    Belief,
+    Estimate,
+    Observation,
+    find_hypotheses,
+    level_pose,
+    pose_covariance,
+)
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
 from mcl_depth.belief.motion_model import sample_motion
-from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
-from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
+from mcl_depth.belief.particles import (
+    Particles,
+    adjust_headings,
+    compute_weights,
+    inject_at_places,
+    interpolate_similarity,
+    resample,
+    sample_gaussian,
+    sample_uniform,
+)
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.depth_map import Comparison, DepthMap
@@ -115,7 +129,7 @@ class Filter:
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
-            self.particles = inject_at_places(self.particles, proof, self._rng)
+            self.particles = inject_at_places(self.particles, proof.poses, proof.shares, self._rng)
         belief = Belief(hypotheses[0], particles, comparison, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 

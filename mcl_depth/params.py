@@ -80,7 +80,7 @@ class AreaParams:
 
 @parameters
 class ResamplingParams:
-    """How many particles there are (`belief/resampling.py`)."""
+    """How many particles there are (`belief/particles.py`)."""
 
     num_particles: int = param(1000, "particles at the start, and at most; later as many as the belief needs", low=1)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis, Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion, way_of
 from mcl_depth.constants import MAX_SIGMA_CELLS, MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence
-from mcl_depth.belief.motion_model import way_of
-from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.motion_model import way_of, wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
@@ -36,7 +35,6 @@ from mcl_depth.constants import (
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
-    MAXIMA_SHARE,
     MIN_PATCH,
     NEAR,
     NUM_MAXIMA,
@@ -201,7 +199,7 @@ def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
 def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
 
-    Those around the first belong to it and are left out; and so is the lower half of all.
+    Those around the first belong to it and are left out.
     """
     inside = np.where(mask, joint, -np.inf)
     highest = maximum_filter(inside, 2 * PEAK + 1, mode=("wrap", "constant", "constant"), cval=-np.inf)
@@ -213,8 +211,7 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
     is_kept = np.any(off > APART, axis=1)
     is_kept[0] = True
-    count = min(NUM_MAXIMA, int(MAXIMA_SHARE * np.count_nonzero(is_kept)))
-    return places[is_kept][: count + 1], values[is_kept][: count + 1]
+    return places[is_kept][: NUM_MAXIMA + 1], values[is_kept][: NUM_MAXIMA + 1]
 
 
 def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:

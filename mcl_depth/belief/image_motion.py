@@ -28,8 +28,8 @@ from mcl_depth.belief.motion_model import (
     planar_pose,
     relative_motion,
     way_of,
+    wrap_angle,
 )
-from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     IMAGE_DRIFT,
     IMAGE_FORGETTING,

@@ -1,10 +1,9 @@
 """The evidence of all images so far for every heading and cell of a map, summed along odometry.
 
-A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole
-cells and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded
-twice. Odometry errs: every second image, and after a long way, a pose may also come from a neighbouring cell or
-heading, at a cost. That is the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best
-way that ends there.
+A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole cells
+and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded twice.
+Odometry errs: every second image a pose may also come from a neighbouring cell or heading, at a cost. That is the
+algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best way that ends there.
 
 Evidence is counted by the way, not by the image: what images of one street say, right or wrong, is alike over about a
 metre, so the second of two that are nearer says only what is left. An image counts in full after a cell's diagonal.
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from mcl_depth.belief.motion_model import relative_motion, way_of
-from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
+from mcl_depth.constants import COST, FORGETTING, NEARLY, NEW_TURN, STEP_EVERY, TURNS
 from sphere_nav.geometry.arrays import Array
 
 ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in (np.cos, np.sin)], axis=1)  # directions
@@ -97,17 +96,10 @@ class JointEvidence:
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = shift_headings(total, shifts, turn)  # of a place that was off the map nothing is known
-        for _ in range(self._num_steps(way_of(motion))):
-            moved = relax(moved)
-        return moved
-
-    def _num_steps(self, way: float) -> int:
-        """Return by how many cells odometry may have erred on a way, m: images that are far apart need more of them."""
-        far = int(WAY_SHARE * way / (0.5 * self._edge))
-        is_due = self._num_images >= STEP_EVERY - NEARLY
-        if is_due:
-            self._num_images -= STEP_EVERY
-        return min(max(far, int(is_due)), MAX_STEPS)
+        if self._num_images < STEP_EVERY - NEARLY:
+            return moved
+        self._num_images -= STEP_EVERY
+        return relax(moved)
 
 
 def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:

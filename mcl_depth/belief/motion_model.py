@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     BLIND_SPEED,
     BLIND_TURN_RATE,
@@ -29,6 +28,11 @@ class Step:
     sigmas: Array
     is_known: bool = True
     jump: float = 0.0  # m that odometry leapt, where it was not believed
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Return angles in rad in [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def planar_pose(pose: SE3) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.constants import MAX_CELLS
 from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array

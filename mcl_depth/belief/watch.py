@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import (
-    MAX_EXCESS,
     MAX_LOG_RATIO_STEP,
     NEAR,
     NEWS,
@@ -79,5 +78,5 @@ class PlaceTest:
 
 def log_ratio_of(value: float) -> float:
     """Return log N(value; 0, s) - log N(value; m, s), m, s those of a right place, within `MAX_LOG_RATIO_STEP`."""
-    ratio = 0.5 * RIGHT_MEAN * (RIGHT_MEAN - 2.0 * min(value, MAX_EXCESS)) / RIGHT_SIGMA**2
+    ratio = 0.5 * RIGHT_MEAN * (RIGHT_MEAN - 2.0 * value) / RIGHT_SIGMA**2
     return float(np.clip(ratio, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))

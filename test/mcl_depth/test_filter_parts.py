@@ -1,9 +1,8 @@
-"""Resampling, weights, headings, motion, hypotheses, cache and homing against what they should be in closed form."""
+"""The cache of depth images, homing, presets and what is compiled before the first image."""
 
 import numpy as np
 import pytest
 
-from mcl_depth.belief.resampling import low_variance_indices
 from mcl_depth.geometry import kernels as geometry
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness import kernels as likeness
@@ -13,15 +12,6 @@ from mcl_depth.site import PRESETS, apply_preset
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import Pinhole, Spherical
 from sphere_nav.params import build, to_mapping
-
-
-def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
-    rng = np.random.default_rng(3)
-    shares = rng.dirichlet(np.ones(20))
-    for start in (0.0, 0.4, 0.99):
-        counts = np.bincount(low_variance_indices(shares, 500, start), minlength=20)
-        assert np.all(np.abs(counts - 500 * shares) < 1.0)
-        assert counts.sum() == 500
 
 
 def features(value, count=1):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.evidence import Proof
-from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import MclStateParams
 from mcl_depth.status import REMEDIES, BeliefVerdict, count, judge_belief

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis, Observation
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import Spherical
 
