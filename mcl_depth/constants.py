@@ -38,17 +38,16 @@ MAX_HYPOTHESES = 5  # places that are told
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
+MAX_SIGMA_CELLS = 0.93  # standard deviation of a trusted position, by a cell's edge: 0.33 m in a home, 0.66 m outdoors
 MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
-MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
-# Evidence of one image for the map, and its maxima (belief/test_evidence, test_survey_grid)
+# Evidence of one image for the map, and its maxima (belief/test_evidence, test_joint_evidence)
 MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
 LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
-APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
+APART = 3  # steps of headings, and cells, to a rival and to other headings: what is nearer is the same place
 NUM_MAXIMA, TAIL = 40, 0.05  # of a map; of those that it has room for
 CHANCE_SIGMA = 0.9, 1.35  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
@@ -65,9 +64,7 @@ NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere
 NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 
 # Watch over a held place (belief/test_watch)
-PATCH, MIN_PATCH = 11, 20  # cells across what a held place is watched in; fewest of them on the map
-NEAR = 1  # cells, and steps of headings, around the held place that count as that place
-OTHER_HEADINGS = 3  # steps from its heading on which others begin
+NEAR = 1.5  # cells from the held place, either way, that count as that place
 RIGHT_MEAN, RIGHT_SIGMA = 4.0, 1.5  # of how far a right place stands out, in standard deviations
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other

@@ -22,6 +22,7 @@ from mcl_depth.belief.estimate import (
 )
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
+from mcl_depth.belief.joint_evidence import SurveyGrid
 from mcl_depth.belief.motion_model import sample_motion
 from mcl_depth.belief.particles import (
     Particles,
@@ -33,7 +34,7 @@ from mcl_depth.belief.particles import (
     sample_gaussian,
     sample_uniform,
 )
-from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.constants import MAX_SIGMA_CELLS
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.depth_map import Comparison, DepthMap
 from mcl_depth.params import FilterParams
@@ -49,6 +50,7 @@ class Filter:
 
     def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
+        self._max_sigma_m = MAX_SIGMA_CELLS * depth_map.edge  # of a pose that is trusted
         self._input = InputCheck(params.input)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, params.motion)
@@ -123,7 +125,8 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, seen.step, p.state.max_chance).beside(seen)
+        limits = {"max_chance": p.state.max_chance, "max_sigma_m": self._max_sigma_m}
+        verdict = judge_belief(hypotheses[0], proof, seen.step, **limits).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
@@ -139,7 +142,7 @@ class Filter:
         if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
         pose, covariance = reckoning.propagate(observation)
-        if reckoning.is_vague(covariance, self.map.edge, self._states.state) or not self.map.has_ground(pose):
+        if reckoning.is_vague(covariance, self._max_sigma_m, self._states.state) or not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
         T_map_level = level_pose(pose, self.map.height(pose))
         return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)

@@ -24,9 +24,8 @@ from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence
+from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import way_of, wrap_angle
-from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
@@ -35,11 +34,9 @@ from mcl_depth.constants import (
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
-    MIN_PATCH,
     NEAR,
     NUM_MAXIMA,
     OFF_MAP,
-    PATCH,
     PEAK,
     RIVAL_SCALE,
     ROOM_M,
@@ -121,11 +118,13 @@ class Evidence:
         if not seen.is_known:
             self.reset(is_given=True)
         self.place = None
+        value = self._stands_out(comparison, pose) if is_held or self._trial is not None else None
         if is_held and seen.is_known:
-            self._add_to(self._watch, comparison, pose)
+            if value is not None:
+                self._watch.add(value)
             return Proof(self._watch.p_chance, is_held=True)
         self._watch = PlaceTest(self._max_chance, is_held=True)
-        if self._trial is not None and self._is_open(self._trial, comparison, pose):
+        if self._trial is not None and self._is_open(self._trial, value):
             self.place = pose if self._trial.p_chance < EVEN_ODDS else None
             return Proof(self._trial.p_chance)
         self._trial = None
@@ -133,28 +132,26 @@ class Evidence:
         self.place = proof.poses[0] if proof.is_proven else None
         return proof
 
-    def _is_open(self, trial: PlaceTest, comparison: Comparison, pose: Array) -> bool:
-        """Add an image to a trial of a pose (3,); return whether the place is not refused.
+    def _is_open(self, trial: PlaceTest, value: float | None) -> bool:
+        """Add an image to a trial; return whether the place is not refused.
 
         Particles seek what fits, so a wrong place that is given enough images finds some: a trial that stays open ends.
         """
         self._num_left -= 1
-        if np.all(self._grid.rows_around(pose, NEAR) < 0):
-            trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
-        else:
-            self._add_to(trial, comparison, pose)
+        trial.add(value or 0.0)  # where nobody can be an image fits as it does anywhere
         return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused())
 
-    def _add_to(self, test: PlaceTest, comparison: Comparison, pose: Array) -> None:
-        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
-        rows = self._grid.rows_around(pose, PATCH // 2)
-        is_there = rows >= 0
-        if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
-            curves = _contrast(comparison.survey(self._grid.positions[rows[is_there]]))
-            num_headings = curves.shape[1]
-            patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
-            patch[:, is_there] = curves.T
-            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+    def _stands_out(self, comparison: Comparison, pose: Array) -> float | None:
+        """Return how far a pose (3,) stands out of what is around it in an image; None where it is off the map."""
+        positions = self._grid.positions
+        off = np.abs(positions - pose[:2]).max(axis=1)
+        rows = np.flatnonzero(off <= 0.5 * LOCAL_M)
+        is_near = off[rows] <= NEAR * self._grid.edge
+        if not is_near.any():
+            return None
+        curves = _contrast(comparison.survey(positions[rows]))
+        count = curves.shape[1]
+        return excess(curves, is_near, round(float(pose[2]) / (2.0 * np.pi) * count) % count)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""

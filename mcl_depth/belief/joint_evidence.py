@@ -18,12 +18,41 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from mcl_depth.belief.motion_model import relative_motion, way_of
-from mcl_depth.constants import COST, FORGETTING, NEARLY, NEW_TURN, STEP_EVERY, TURNS
+from mcl_depth.belief.motion_model import relative_motion, way_of, wrap_angle
+from mcl_depth.constants import COST, FORGETTING, MAX_CELLS, NEARLY, NEW_TURN, STEP_EVERY, TURNS
+from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array
 
 ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in (np.cos, np.sin)], axis=1)  # directions
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
+
+
+class SurveyGrid:
+    """The cells of a map that are compared with every image: all of them, or a coarser grid of a large map."""
+
+    def __init__(self, depth_map: DepthMap, middles: Array) -> None:
+        """`middles` (K, 2) m of the area; at most `MAX_CELLS` cells, and no more than the depth cache holds."""
+        cells = np.unique(depth_map.cells(middles), axis=0)
+        limit = min(MAX_CELLS, max(int(0.8 * depth_map.cache.capacity), 1))
+        stride = 1
+        while len(np.unique(cells // stride, axis=0)) > limit:
+            stride += 1
+        off_middle = np.abs(cells % stride - stride // 2).sum(axis=1)
+        nearest = cells[np.argsort(off_middle, kind="stable")]
+        coarse, first = np.unique(nearest // stride, axis=0, return_index=True)
+        chosen = nearest[first]
+        self.edge, self.diagonal = depth_map.edge * stride, float(np.sqrt(2.0)) * depth_map.edge  # m, of a cell
+        self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
+        self._low = coarse.min(axis=0)
+        self.index = coarse - self._low  # (K, 2)
+        self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
+        self.mask = np.zeros(self.shape, np.bool_)
+        self.mask[tuple(self.index.T)] = True
+
+    def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
+        """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""
+        xy = (places[:, 1:] + self._low + 0.5) * self.edge
+        return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
+from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
-from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
@@ -244,17 +243,19 @@ def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     assert (lost.is_held, lost.p_chance > 0.1) == (False, True)
 
 
-@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [30.0, 30.0, 0.0]])
-def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
-    grid = grid_of()
-    rows = grid.rows_around(np.array(pose), 5)
-    middle = np.floor(np.array(pose[:2]) / EDGE)
-    for offset in np.ndindex(11, 11):
-        position = (middle + np.array(offset) - 5 + 0.5) * EDGE
-        is_inside = np.all((position > 0) & (position < SIDE * EDGE))
-        row = rows[offset]
-        assert (row >= 0) == is_inside
-        if is_inside:
-            np.testing.assert_allclose(grid.positions[row], position)
-    proof = Evidence(grid, RATE, SIGMA).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
+@pytest.mark.parametrize(
+    ("pose", "num_cells"), [([0.1, 0.1, 0.0], 64), ([9.6, 9.6, 0.0], 225), ([20.4, 9.6, 0.0], 105)]
+)
+def test_a_place_is_watched_by_the_cells_around_it_that_are_there(pose, num_cells):
+    """Of 0.5 m, within 3.75 m either way; one that is 0.4 m off the map still has a cell beside it."""
+    grid, asked = grid_of(), []
+    images = Images(grid, 3)
+    watched = SimpleNamespace(survey=lambda positions: asked.append(len(positions)) or images.survey(positions))
+    proof = Evidence(grid, RATE, SIGMA).prove(watched, np.array(pose), seen(), is_held=True)
+    assert asked == [num_cells]
     assert 0.0 <= proof.p_chance < 0.5
+
+
+def test_a_place_off_the_map_is_not_watched():
+    proof = Evidence(grid_of(), RATE, SIGMA).prove(None, np.array([30.0, 30.0, 0.0]), seen(), is_held=True)
+    assert proof.p_chance == pytest.approx(RATE)
