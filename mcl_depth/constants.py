@@ -9,15 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 # Motion between images (belief/test_motion_model)
-SIDE_SHARE = 0.6  # error across the way by that along it
-TURN_SHARE = 0.05  # standard deviation of a turn, as share of it
 MIN_TURN_SIGMA = np.radians(0.5)  # of the heading for each image
 MAX_LEAP = 0.5  # m, believed at any speed
 BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
 MAX_BLIND_STEP = 1.0  # m
 MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken (test_dead_reckoning)
 STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
-UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
+UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt, height; of an exact start, too
 
 # Particles, N17 section III-C (belief/test_particles)
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
@@ -28,12 +26,11 @@ EXPONENT = 20.0  # lambda (N17 table I)
 CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
 NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
-GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
 # Hypotheses (belief/test_estimate)
-CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
+CLUSTER = 3  # bins of the belief, either way: particles in boxes of so many that touch are of one place
 MAX_HYPOTHESES = 5  # places that are told
 
 # When the pose is trusted (test_status)
@@ -44,7 +41,6 @@ EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
 # Evidence of one image for the map, and its maxima (belief/test_evidence, test_joint_evidence)
-MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
 LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = 3  # steps of headings, and cells, to a rival and to other headings: what is nearer is the same place
@@ -61,7 +57,6 @@ FORGETTING = np.float32(0.97)  # of what was known, with every image that counts
 COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
 STEP_EVERY = 2  # images that count in full
 NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
-NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 
 # Watch over a held place (belief/test_watch)
 NEAR = 1.5  # cells from the held place, either way, that count as that place
@@ -77,9 +72,7 @@ IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion 
 IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there
 SHARP_M = 0.1  # standard deviation by images up to which they confirm a standstill: an even wall tells nothing
 MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
-IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
 MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
-MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)
 NUM_DIRECTIONS, NUM_DISTANCES = 16, 2  # psi around the waypoint (N17 table I); d around it, beside zero

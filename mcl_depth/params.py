@@ -54,7 +54,7 @@ class LikenessParams:
 class MotionParams:
     """How odometry errs (`belief/motion_model.py`)."""
 
-    way_share: float = param(0.05, "standard deviation of a way, as share of it", low=0.0, high=1.0)
+    way_share: float = param(0.05, "standard deviation of a way, and of a turn, as share of it", low=0.0, high=1.0)
     drift_deg: float = param(2.0, "heading lost on a way of one metre; grows with its square root", "deg", low=0.0)
     min_sigma: float = param(0.05, "standard deviation of the position for each image, each axis", "m", low=0.0)
     max_speed: float = param(10.0, "faster odometry is a leap and not believed", "m/s", low=0.1)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.belief.particles import Particles
-from mcl_depth.constants import CLUSTER_M, MAX_HYPOTHESES, NUM_TURNS, UNMODELED
+from mcl_depth.constants import CLUSTER, KLD_BIN, MAX_HYPOTHESES, UNMODELED
 from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import PLANAR, Array
@@ -97,10 +97,12 @@ def find_hypotheses(particles: Particles) -> list[Hypothesis]:
 
 def _labels(poses: Array) -> NDArray[np.int64]:
     """Return the number (N,) of the cluster of each pose (N, 3)."""
-    turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * NUM_TURNS).astype(np.int64) % NUM_TURNS
-    cells = np.floor(poses[:, :2] / CLUSTER_M).astype(np.int64)
-    bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
-    around = cKDTree(bins, boxsize=[0.0, 0.0, NUM_TURNS])  # headings wrap around
+    box = CLUSTER * KLD_BIN
+    num_turns = round(2.0 * np.pi / box[2])
+    cells = np.floor(poses / box).astype(np.int64)
+    cells[:, 2] %= num_turns
+    bins, bin_of = np.unique(cells, axis=0, return_inverse=True)
+    around = cKDTree(bins, boxsize=[0.0, 0.0, num_turns])  # headings wrap around
     rows, columns = around.query_pairs(1.5, np.inf, output_type="ndarray").T
     links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(bins), len(bins)))
     return connected_components(links, directed=False)[1][bin_of.ravel()].astype(np.int64)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from mcl_depth.belief.motion_model import relative_motion, way_of, wrap_angle
-from mcl_depth.constants import COST, FORGETTING, MAX_CELLS, NEARLY, NEW_TURN, STEP_EVERY, TURNS
+from mcl_depth.constants import COST, FORGETTING, NEW_TURN, STEP_EVERY, TURNS
 from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array
 
@@ -31,9 +31,9 @@ class SurveyGrid:
     """The cells of a map that are compared with every image: all of them, or a coarser grid of a large map."""
 
     def __init__(self, depth_map: DepthMap, middles: Array) -> None:
-        """`middles` (K, 2) m of the area; at most `MAX_CELLS` cells, and no more than the depth cache holds."""
+        """`middles` (K, 2) m of the area; no more cells than the depth cache holds beside those of particles."""
         cells = np.unique(depth_map.cells(middles), axis=0)
-        limit = min(MAX_CELLS, max(int(0.8 * depth_map.cache.capacity), 1))
+        limit = max(int(0.8 * depth_map.cache.capacity), 1)
         stride = 1
         while len(np.unique(cells // stride, axis=0)) > limit:
             stride += 1
@@ -125,7 +125,7 @@ class JointEvidence:
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = shift_headings(total, shifts, turn)  # of a place that was off the map nothing is known
-        if self._num_images < STEP_EVERY - NEARLY:
+        if self._num_images < STEP_EVERY:
             return moved
         self._num_images -= STEP_EVERY
         return relax(moved)

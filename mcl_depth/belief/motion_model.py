@@ -12,8 +12,6 @@ from mcl_depth.constants import (
     MAX_BLIND_STEP,
     MAX_LEAP,
     MIN_TURN_SIGMA,
-    SIDE_SHARE,
-    TURN_SHARE,
 )
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3
@@ -84,7 +82,6 @@ def blind_step(seconds: float, jump: float = 0.0) -> Step:
 def motion_sigmas(motion: Array, params: MotionParams, least: float) -> Array:
     """Return the standard deviations (3,) of a motion (3,) by odometry, those of a position at least so many m."""
     way, turn = way_of(motion), float(motion[2])
-    along = np.hypot(params.way_share * way, least)
-    across = np.hypot(SIDE_SHARE * params.way_share * way, least)
+    position = np.hypot(params.way_share * way, least)
     drift = np.radians(params.drift_deg) ** 2 * way
-    return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
+    return np.array([position, position, np.sqrt((params.way_share * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])

@@ -16,7 +16,6 @@ from mcl_depth.constants import (
     CHANCE,
     EFFECTIVE_SHARE,
     EXPONENT,
-    GIVEN_SIGMA,
     HEADING_SPREAD,
     KLD_BIN,
     KLD_ERROR,
@@ -25,6 +24,7 @@ from mcl_depth.constants import (
     NEW_SHARE,
     NEW_SIGMA,
     NUM_YOUNG,
+    UNMODELED,
 )
 from mcl_depth.geometry.area import Area
 from sphere_nav.geometry import SE3, so3
@@ -155,7 +155,7 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
             f"initial pose: expected a place in the area of the cloud, found one {nearest:.1f} m away from it"
         )
     R = so3.exp([0.0, 0.0, pose[2]])  # of x and y; the variance of yaw is the same in all axes
-    local = covariance[PLANAR] + np.diag(GIVEN_SIGMA) ** 2
+    local = covariance[PLANAR] + np.diag(UNMODELED[[0, 1, 5]] ** 2)
     poses = rng.multivariate_normal(pose, R @ local @ R.T, count, method="cholesky")
     poses[:, 2] = wrap_angle(poses[:, 2])
     return Particles.of_equal_weight(poses, NUM_YOUNG)

@@ -1,6 +1,6 @@
 """Features of synthesised depth images by position (algorithm 2, D_cache): a bounded memory, kept on disk if wanted.
 
-Arrays kept in a folder between runs: made beside it and renamed, so that a reader finds all of them or none.
+There they are arrays in a folder: made beside it and renamed, so that a reader finds all of them or none.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -22,27 +22,6 @@ Cell = tuple[int, int]
 Stack: TypeAlias = Mapping[
     str, NDArray[Any]
 ]  # depth features of panoramas by name, the first axis is that of panoramas
-
-
-def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays by name into a folder; the last one to write wins."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    for name, array in arrays.items():
-        np.save(fresh / f"{name}.npy", array, allow_pickle=False)
-    if folder.exists():
-        shutil.rmtree(folder)
-    os.replace(fresh, folder)
-
-
-def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None:
-    """Return what `save_arrays` wrote, mapped into memory; None without a folder. ValueError if damaged."""
-    if not folder.is_dir():
-        return None
-    try:
-        return [read_npy(folder / f"{name}.npy", "array of depth features") for name in names]
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
 
 
 def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
@@ -87,18 +66,27 @@ class DepthCache:
     def save(self, folder: Path) -> None:
         """Write everything into a folder; the last one to write wins."""
         cells, slots = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2), list(self._slots.values())
-        save_arrays(folder, {"cells": cells} | {name: part[slots] for name, part in self.stack.items()})
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        for name, array in [("cells", cells), *((name, part[slots]) for name, part in self.stack.items())]:
+            np.save(fresh / f"{name}.npy", array, allow_pickle=False)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(fresh, folder)
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote, as much as fits. A damaged folder is ValueError."""
-        found = load_arrays(folder, ("cells", *self.stack))
-        if found is None:
+        if not folder.is_dir():
             return
-        cells, *parts = found
-        for kept, (name, part) in zip(parts, self.stack.items(), strict=True):
-            expected = (len(cells), *part.shape[1:])
-            if kept.shape != expected or kept.dtype != part.dtype:
-                found_ = f"{kept.shape} of {kept.dtype}"
-                raise ValueError(f"{folder}: {name}: expected {expected} of {part.dtype}, found {found_}")
-        last = slice(-self.capacity, None)
-        self.insert(cells[last], {name: kept[last] for name, kept in zip(self.stack, parts, strict=True)})
+        try:
+            names = ("cells", *self.stack)
+            cells, *parts = (read_npy(folder / f"{name}.npy", "array of depth features") for name in names)
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+        kept = dict(zip(self.stack, parts, strict=True))
+        for name, part in self.stack.items():
+            expected, found = (len(cells), *part.shape[1:]), kept[name]
+            if found.shape != expected or found.dtype != part.dtype:
+                told = f"{found.shape} of {found.dtype}"
+                raise ValueError(f"{folder}: {name}: expected {expected} of {part.dtype}, found {told}")
+        self.insert(cells[-self.capacity :], {name: part[-self.capacity :] for name, part in kept.items()})

@@ -118,14 +118,9 @@ class DepthMap:
         cells = on_ground[[key not in self.cache for key in keys_of(on_ground)]]
         made = self._slots(cells[:at_most])
         num_missing = len(cells) - len(made)
-        if len(made) and not num_missing:
-            self.save()
-        return num_missing
-
-    def save(self) -> None:
-        """Keep the depth features on disk, where a folder is set."""
-        if self._folder is not None:
+        if len(made) and not num_missing and self._folder is not None:
             self.cache.save(self._folder)
+        return num_missing
 
     def _middles(self, cells: NDArray[np.int64]) -> Array:
         """Return the camera positions (N, 3) that stand for cells."""

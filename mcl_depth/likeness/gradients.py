@@ -26,9 +26,9 @@ from mcl_depth.params import ComparisonParams
 class Gradients:
     """The likeness of any image."""
 
-    name = ""
-    min_seen = 0.0
-    chance_sigma = CHANCE_SIGMA[0]
+    name = ""  # of what is kept on disk
+    min_seen = 0.0  # share of the panorama that an image must show
+    chance_sigma = CHANCE_SIGMA[0]  # of z where a drive is not, after any number of images
     image = staticmethod(visual_features)
 
     def __init__(self, params: ComparisonParams) -> None:
@@ -43,10 +43,11 @@ class Gradients:
             np.stack(one) for one in zip(*(depth_gradients(r, self._params) for r in ranges_m), strict=True)
         )
         tensors = np.stack([double(*one) for one in zip(x, y, magnitudes, strict=True)])
-        codes, code_scales = encode(spectra_of(tensors))
-        energies, energy_scales = encode(spectra_of(np.sum(tensors**2, axis=1, keepdims=True), NUM_ENERGY_FREQUENCIES))
-        spectra = {"codes": codes, "code_scales": code_scales, "energies": energies, "energy_scales": energy_scales}
-        return code_gradients(x, y, magnitudes) | spectra
+        energies = np.sum(tensors**2, axis=1, keepdims=True)
+        stack = dict(code_gradients(x, y, magnitudes))
+        stack["codes"], stack["code_scales"] = encode(spectra_of(tensors))
+        stack["energies"], stack["energy_scales"] = encode(spectra_of(energies, NUM_ENERGY_FREQUENCIES))
+        return stack
 
     def compare(self, visual: GradientFeatures, stack: Stack, slots: NDArray[np.int64], num_headings: int) -> Curves:
         """Return eq. 2 for M panoramas of a stack, those in `slots`, and all headings, (M, num_headings)."""

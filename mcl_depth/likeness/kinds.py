@@ -2,41 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mcl_depth.likeness.depth_cache import Stack
-from mcl_depth.likeness.features import Image, Mask
 from mcl_depth.likeness.gradients import Gradients
 from mcl_depth.likeness.learned import Learned, load_encoders
-from mcl_depth.likeness.spectra import Curves
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
-Visual = Any  # an image by gradients, `GradientFeatures`; what was learned of it (C, h, w)
-Slots = NDArray[np.int64]
-
-
-class Likeness(Protocol):
-    """One kind of features, and how they are made and compared."""
-
-    name: str  # of what is kept on disk
-    min_seen: float  # share of the panorama that an image must show
-    chance_sigma: float  # of z where a drive is not, after any number of images (docs/notes/joint_evidence.md)
-
-    def image(self, gray: Image, is_seen: Mask) -> Visual:
-        """Return the features of a level panorama (H, W), and what of it is seen."""
-
-    def depths(self, ranges_m: Image) -> Stack:
-        """Return those of range panoramas (M, H, W) in m."""
-
-    def compare(self, visual: Visual, stack: Stack, slots: Slots, num_headings: int) -> Curves:
-        """Return the similarities (M, num_headings) of an image with places in slots (M,) of a stack."""
-
-    def survey(self, visual: Visual, stack: Stack, slots: Slots, num_headings: int) -> Curves:
-        """Return how well it fits many cells, in units of its own; 0 for slot -1."""
+Likeness = Gradients | Learned
+Visual = Any  # what `Likeness.image` makes of an image
 
 
 def check_headings(params: FilterParams) -> None:

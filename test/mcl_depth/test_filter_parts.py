@@ -38,6 +38,17 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert again.stack["scale"][again.find([(9, 9)])[0]] == 9.0
 
 
+def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):
+    for value in (1, 2):
+        cache = cache_of(3)
+        cache.insert([(value, 0)], features(value))
+        cache.save(tmp_path / "kept" / "a")
+    cache = cache_of(3)
+    cache.load(tmp_path / "kept" / "a")
+    assert cache.find([(1, 0), (2, 0)]).tolist() == [-1, 0]
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a"]
+
+
 def test_homing_samples_are_those_of_the_paper():
     ring = sample_offsets(1.0)
     assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself

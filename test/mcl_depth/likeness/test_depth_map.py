@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.depth_map import Comparison, DepthMap
 from mcl_depth.likeness.features import visual_features
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
@@ -70,8 +69,8 @@ def test_what_was_made_once_comes_back_from_disk_and_is_refused_if_it_is_damaged
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
     (_, first), middle = made(folder=str(tmp_path)), np.array([[0, 0]])
+    first.fill(np.array([[0.1, 0.1]]))
     expected = first.similarities(visual, middle)
-    first.save()
     synthesizer, again = made(folder=str(tmp_path))
     np.testing.assert_array_equal(again.similarities(visual, middle), expected)
     assert synthesizer.asked == []
@@ -93,13 +92,3 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     depth_map.similarities = similarities
     np.testing.assert_array_equal(Comparison(visual, depth_map).curves(places), wanted)
     assert compared == [len(np.unique(depth_map.cells(places), axis=0))]
-
-
-def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):
-    for value in (1, 2):
-        save_arrays(tmp_path / "kept" / "a", {"numbers": np.full(3, value), "width": np.array(7)})
-    numbers, width = load_arrays(tmp_path / "kept" / "a", ("numbers", "width"))
-    np.testing.assert_array_equal(numbers, 2)
-    assert int(width) == 7
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a"]
-    assert load_arrays(tmp_path / "kept" / "b", ("numbers",)) is None
