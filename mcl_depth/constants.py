@@ -27,7 +27,7 @@ CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each o
 NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
-NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
+NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad: of a place of the survey, at least; half a step
 
 # Hypotheses (belief/test_estimate)
 CLUSTER = 3  # bins of the belief, either way: particles in boxes of so many that touch are of one place

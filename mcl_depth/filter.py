@@ -132,7 +132,7 @@ class Filter:
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
-            self.particles = inject_at_places(self.particles, proof.poses, proof.shares, self._rng)
+            self.particles = inject_at_places(self.particles, proof.poses, proof.shares, proof.sigmas, self._rng)
         belief = Belief(hypotheses[0], particles, comparison, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
@@ -142,10 +142,10 @@ class Filter:
         if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
         pose, covariance = reckoning.propagate(observation)
-        if reckoning.is_vague(covariance, self._max_sigma_m, self._states.state) or not self.map.has_ground(pose):
+        height = self.map.height(pose)
+        if reckoning.is_vague(covariance, self._max_sigma_m, self._states.state) or not np.isfinite(height):
             return Estimate(status, belief=belief)
-        T_map_level = level_pose(pose, self.map.height(pose))
-        return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)
+        return Estimate(status, level_pose(pose, height), pose_covariance(covariance, float(pose[2])), belief)
 
     def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
         """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""

@@ -25,7 +25,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence, SurveyGrid
-from mcl_depth.belief.motion_model import way_of, wrap_angle
+from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
@@ -35,6 +35,7 @@ from mcl_depth.constants import (
     MAX_HYPOTHESES,
     MAX_TRIAL,
     NEAR,
+    NEW_SIGMA,
     NUM_MAXIMA,
     OFF_MAP,
     PEAK,
@@ -43,6 +44,7 @@ from mcl_depth.constants import (
     TAIL,
 )
 from mcl_depth.likeness.depth_map import Comparison
+from sphere_nav.estimation.gates import gate
 from sphere_nav.geometry.arrays import TINY, Array
 
 
@@ -51,14 +53,14 @@ class Proof:
     """How often chance would look like a place: the best of the map, or one that is held or on trial.
 
     A held place was proven before, and is only to be kept. Where the map was searched, poses (K, 3) are its best
-    places, best first, and shares (K,) of 1; `tolerance_m` is how far off the first of them may be.
+    places, best first, and shares (K,) of 1; `sigmas` (3,), m, m, rad, are how sharp they are.
     """
 
     p_chance: float
     is_held: bool = False
     poses: Array = field(default_factory=lambda: np.zeros((0, 3)))
     shares: Array = field(default_factory=lambda: np.zeros(0))
-    tolerance_m: float = 0.0
+    sigmas: Array = field(default_factory=NEW_SIGMA.copy)
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
 
@@ -75,16 +77,16 @@ class Proof:
         """Return the best places of the map where it was searched, each as sharp as the grid; else the hypotheses."""
         if not self.is_of_map:
             return tuple(hypotheses)
-        covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
         best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
-        return tuple(Hypothesis(pose, covariance, float(share)) for pose, share in best)
+        return tuple(Hypothesis(pose, np.diag(self.sigmas**2), float(share)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
         """Whether a pose (3,) is the best place of the map, where that was searched."""
         if not self.is_of_map:
             return True
         off = pose - self.poses[0]
-        return way_of(off) <= self.tolerance_m and abs(float(wrap_angle(off[2]))) <= np.radians(30.0)
+        off[2] = wrap_angle(off[2])
+        return float(np.sum((off / self.sigmas) ** 2)) <= gate(3)
 
 
 class Evidence:
@@ -164,12 +166,12 @@ class Evidence:
             p_lead = chance_of_lead(values)
             p_elsewhere, p_chance = max(p_elsewhere, p_lead), max(p_chance, p_lead)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
-        poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
+        poses = self._grid.poses_of(places, len(joint))
         return Proof(
             p_chance,
             poses=poses,
             shares=shares / shares.sum(),
-            tolerance_m=tolerance,
+            sigmas=np.maximum(NEW_SIGMA, [0.5 * self._grid.edge, 0.5 * self._grid.edge, 0.0]),
             is_in_map=p_elsewhere < self._max_chance <= p_chance and len(poses) > 1,
             is_proven=p_chance < self._max_chance,
         )

@@ -22,7 +22,6 @@ from mcl_depth.constants import (
     KLD_Z,
     MIN_PARTICLES,
     NEW_SHARE,
-    NEW_SIGMA,
     NUM_YOUNG,
     UNMODELED,
 )
@@ -161,13 +160,15 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
     return Particles.of_equal_weight(poses, NUM_YOUNG)
 
 
-def inject_at_places(particles: Particles, poses: Array, shares: Array, rng: np.random.Generator) -> Particles:
+def inject_at_places(
+    particles: Particles, poses: Array, shares: Array, sigmas: Array, rng: np.random.Generator
+) -> Particles:
     """Return the set with a part of its particles, drawn by lot, put around poses (K, 3) by their shares (K,).
 
     A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings found there.
     """
     count = int(NEW_SHARE * len(particles))
-    places = poses[rng.choice(len(poses), count, p=shares)] + NEW_SIGMA * rng.standard_normal((count, 3))
+    places = poses[rng.choice(len(poses), count, p=shares)] + sigmas * rng.standard_normal((count, 3))
     places[:, 2] = wrap_angle(places[:, 2])
     replaced = rng.choice(len(particles), count, replace=False)
     all_poses, ages = particles.poses.copy(), particles.ages.copy()

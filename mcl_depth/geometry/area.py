@@ -105,7 +105,9 @@ class Ground:
         below = points[points[:, 2] < 0.0]
         blind = float(np.hypot(below[:, 0], below[:, 1]).min(initial=np.inf))
         is_blind = (np.hypot(x[:, None], y) < blind) & (blind < MAX_BLIND_M)
-        self._heights = _fill(lowest, is_blind)
+        distance, nearest = distance_transform_edt(np.isinf(lowest), return_indices=True)
+        self._heights = lowest[nearest[0], nearest[1]]
+        self._heights[(distance * GROUND_STEP > GROUND_REACH) & ~is_blind] = np.nan
 
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
@@ -115,12 +117,3 @@ class Ground:
         outside = np.any((place < -1.0) | (place > self._heights.shape), axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
-
-
-def _fill(lowest: Array, is_blind: NDArray[np.bool_]) -> Array:
-    """Return the grid with holes filled from the nearest square within reach, or at any distance where `is_blind`."""
-    is_empty = ~np.isfinite(lowest)
-    distance, nearest = distance_transform_edt(is_empty, return_indices=True)
-    filled = lowest[nearest[0], nearest[1]]
-    filled[(distance * GROUND_STEP > GROUND_REACH) & ~is_blind] = np.nan
-    return filled

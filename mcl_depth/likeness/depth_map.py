@@ -58,24 +58,19 @@ class DepthMap:
         """Return the height (N,) m of a camera above the ground at (N, 2); NaN where there is no ground."""
         return self._ground(positions[:, :2]) + self.camera_height
 
-    def has_ground(self, pose: Array) -> bool:
-        """Whether a pose (3,) is on the map."""
-        return bool(np.isfinite(self.heights(pose[None, :2])[0]))
-
     def height(self, pose: Array) -> float:
-        """Return the height m of a camera at x, y of a pose (3,); that above height 0 where there is no ground."""
-        height = float(self.heights(pose[None, :2])[0])
-        return height if np.isfinite(height) else self.camera_height
+        """Return the height m of a camera at x, y of a pose (3,); NaN off the map."""
+        return float(self.heights(pose[None, :2])[0])
 
     def ranges_from(self, pose: Array) -> NDArray[np.float32] | None:
         """Return the range panorama (H, W) in m that a level camera at a pose (3,) has, NaN unknown; None off the map.
 
         Above all that is known of a column it is far where the sky is.
         """
-        position = np.array([[*pose[:2], self.heights(pose[None, :2])[0]]])
-        if not np.isfinite(position[0, 2]):
+        height = self.height(pose)
+        if not np.isfinite(height):
             return None
-        ranges = self._synthesizer.synthesize_many(position)[0]
+        ranges = self._synthesizer.synthesize_many([[*pose[:2], height]])[0]
         if self._params.comparison.is_sky_far:
             ranges[is_sky(ranges)] = np.inf
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)

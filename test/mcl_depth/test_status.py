@@ -16,7 +16,7 @@ from sphere_nav.localization.status import Reason, State, Verdict
 LOST_IMAGES = 6
 
 P = MclStateParams(probation_images=2)
-SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, poses=np.array([[9.0, 9.0, 0.0]]), tolerance_m=1.0)
+SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, poses=np.array([[9.0, 9.0, 0.0]]))
 HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
 CAREFUL, BAD = BeliefVerdict(Verdict(Reason.ODOM_STALE)), BeliefVerdict(Verdict(Reason.AMBIGUOUS), is_bad=True)
@@ -49,7 +49,7 @@ def test_a_belief_is_judged():
 
 def test_two_places_that_are_alike_are_named():
     poses = np.array([[1.0, 2.0, 0.0], [4.0, -2.0, np.pi / 2], [9.0, 9.0, 0.0]])
-    proof = Proof(0.3, poses=poses, shares=np.array([0.5, 0.4, 0.1]), tolerance_m=1.0, is_in_map=True)
+    proof = Proof(0.3, poses=poses, shares=np.array([0.5, 0.4, 0.1]), is_in_map=True)
     finding = judge(place(), proof, DRIVEN).finding
     assert finding.reason == Reason.AMBIGUOUS
     assert finding.remedy(REMEDIES).startswith("1.0, 2.0 at 0 deg or 4.0, -2.0 at 90 deg; two places look alike")
@@ -57,7 +57,7 @@ def test_two_places_that_are_alike_are_named():
 
 @pytest.mark.parametrize(("count", "num_images"), [(1, 2), (0, 1)])
 def test_an_image_counts_for_two_where_the_map_was_searched(count, num_images):
-    proof = Proof(0.9e-3, poses=np.zeros((count, 3)), tolerance_m=1.0)
+    proof = Proof(0.9e-3, poses=np.zeros((count, 3)))
     assert judge(place(), proof, DRIVEN).num_images == num_images
 
 

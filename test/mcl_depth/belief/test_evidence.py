@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
+from mcl_depth.belief.evidence import Evidence, Proof, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
@@ -100,7 +100,7 @@ def test_images_of_another_place_are_chance():
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
-    assert survey.tolerance_m == 1.0  # two cells
+    np.testing.assert_allclose(survey.sigmas, [0.3, 0.3, np.radians(5.0)])  # no less than half a cell
     assert min(found) > 1e-3  # of what is there by chance
     assert max(found) > 0.3
 
@@ -112,6 +112,14 @@ def test_a_large_map_says_itself_what_chance_reaches(monkeypatch, side, is_chanc
     grid = grid_of(side)
     proof = Evidence(grid, RATE, SIGMA).survey(Images(grid, 5), np.zeros(3))
     assert (proof.p_chance > RATE, proof.is_proven) == (is_chance, not is_chance)
+
+
+def test_a_belief_agrees_with_the_best_place_within_what_chance_exceeds_once_in_a_thousand():
+    """Of three degrees of freedom: 4.03 deviations."""
+    proof = Proof(1e-5, poses=np.array([[4.0, 3.0, 3.1]]))
+    for off, agrees in [((1.2, 0.0, 0.0), True), ((0.0, 1.22, 0.0), False), ((0.0, 0.0, np.radians(20.0)), True)]:
+        assert proof.agrees_with(proof.poses[0] + off) == agrees
+    assert not proof.agrees_with(np.array([4.0, 3.0, 3.1 - np.radians(21.0)]))
 
 
 def sum_of(joint, field, odometry):

@@ -116,7 +116,8 @@ def test_a_start_off_the_area_is_refused_with_its_distance():
 
 def test_new_particles_scatter_around_the_places_of_a_survey():
     particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (10_000, 1)))
-    there = inject_at_places(particles, np.array([[2.0, 3.0, 0.5]]), np.ones(1), np.random.default_rng(3)).poses
+    sigmas, rng = np.array([0.3, 0.2, np.radians(5.0)]), np.random.default_rng(3)
+    there = inject_at_places(particles, np.array([[2.0, 3.0, 0.5]]), np.ones(1), sigmas, rng).poses
     new = there[there[:, 0] < 50.0]
     assert len(new) == 3000  # three of ten begin anew
-    np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step
+    np.testing.assert_allclose(new.std(axis=0), sigmas, rtol=0.06)
