@@ -1,7 +1,7 @@
 """A panorama localised in bare geometry (Neubert, Schubert, Protzel 2017).
 
 READ FIRST `filter.py`, the Monte Carlo localisation. The images: `synthesis.py` draws what the map looks like from a
-place (from a cloud, `splats.py`, or from surfaces, `mesh.py`), `features.py` and `comparison.py` compare it
-with a photograph that `level_view.py` has resampled, and read the heading. Maps come through
+place (`mesh.py` casts its rays), `gradients.py` or `learned.py` compares
+it with a photograph that `level_view.py` has resampled. Maps come through
 `geometry/files.py`.
 """

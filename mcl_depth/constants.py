@@ -9,17 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 # Motion between images (belief/test_motion_model)
-SIDE_SHARE = 0.6  # error across the way by that along it
-TURN_SHARE = 0.05  # standard deviation of a turn, as share of it
 MIN_TURN_SIGMA = np.radians(0.5)  # of the heading for each image
 MAX_LEAP = 0.5  # m, believed at any speed
 BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
 MAX_BLIND_STEP = 1.0  # m
 MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken (test_dead_reckoning)
 STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
-UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
+UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt, height; of an exact start, too
 
-# Particles, N17 section III-C (belief/test_resampling, test_filter_parts)
+# Particles, N17 section III-C (belief/test_particles)
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
 MIN_PARTICLES = 300  # of a belief in one place
 KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
@@ -28,28 +26,25 @@ EXPONENT = 20.0  # lambda (N17 table I)
 CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
 NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
-GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
-NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
+NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad: of a place of the survey, at least; half a step
 
-# Hypotheses (belief/test_hypotheses)
-CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
+# Hypotheses (belief/test_estimate)
+CLUSTER = 3  # bins of the belief, either way: particles in boxes of so many that touch are of one place
 MAX_HYPOTHESES = 5  # places that are told
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
+MAX_SIGMA_CELLS = 0.93  # standard deviation of a trusted position, by a cell's edge: 0.33 m in a home, 0.66 m outdoors
 MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
-MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
-# Evidence of one image for the map, and its maxima (belief/test_evidence, test_survey_grid)
-MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
+# Evidence of one image for the map, and its maxima (belief/test_evidence, test_joint_evidence)
 LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
-APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
-NUM_MAXIMA, MAXIMA_SHARE, TAIL = 40, 0.5, 0.05  # of a map; of all at most; of those that it has room for
+APART = 3  # steps of headings, and cells, to a rival and to other headings: what is nearer is the same place
+NUM_MAXIMA, TAIL = 40, 0.05  # of a map; of those that it has room for
 CHANCE_SIGMA = 0.9, 1.35  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
 # extent of a drive from which on its images err independently, elsewhere and at a rival (docs/notes/joint_evidence.md)
@@ -62,15 +57,10 @@ FORGETTING = np.float32(0.97)  # of what was known, with every image that counts
 COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
 STEP_EVERY = 2  # images that count in full
 NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
-WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
-NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 
 # Watch over a held place (belief/test_watch)
-PATCH, MIN_PATCH = 11, 20  # cells across what a held place is watched in; fewest of them on the map
-NEAR = 1  # cells, and steps of headings, around the held place that count as that place
-OTHER_HEADINGS = 3  # steps from its heading on which others begin
+NEAR = 1.5  # cells from the held place, either way, that count as that place
 RIGHT_MEAN, RIGHT_SIGMA = 4.0, 1.5  # of how far a right place stands out, in standard deviations
-MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
@@ -82,9 +72,7 @@ IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion 
 IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there
 SHARP_M = 0.1  # standard deviation by images up to which they confirm a standstill: an even wall tells nothing
 MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
-IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
 MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
-MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)
 NUM_DIRECTIONS, NUM_DISTANCES = 16, 2  # psi around the waypoint (N17 table I); d around it, beside zero
@@ -108,35 +96,29 @@ IMAGE_CLIP = np.float32(4.0)  # of the contrast
 ENCODED_RANGE_M = np.float32(0.3), np.float32(200.0)  # nearest and farthest range that is told from others
 MIN_SEEN = 0.9  # of the panorama that an image must show
 
-# One image against every cell (likeness/test_gradient_filter)
-NUM_SAMPLES = 1500  # cells whose spectra tell how large a code is
-CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
+# One image against every cell (likeness/test_gradients)
 NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees
 NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
-FINENESS, PART_FINENESS = 2, 5  # curves, learned or of gradients, have so many times the headings: the best counts
+FINENESS = 5  # curves have so many times the headings: the best counts
 ROOT = 0.5  # power of an image's gradients: windows and furniture have the strongest (mcl_homes)
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 
-# Depth images of clouds (geometry/test_synthesis, geometry/test_surfels)
+# Depth images of clouds (geometry/test_synthesis)
 NEAREST_M = 0.2  # below which nothing is drawn
 SPLAT = 1.5  # width and height of a single point by the spacing of the points, so that surfaces close
-COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
 MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for triangles to show what splats show
 NUM_NEIGHBORS = 9  # nearest voxels whose plane is that of a voxel, itself among them
 NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface; not on a line
 INRADIUS = 0.75  # of the triangle of a voxel, by its size: gaps close, edges hardly grow
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
-BODY = 0.3  # points this far above or below the camera are in its way, m
 GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square of ground or floor; how far one lends its height
 MAX_BLIND_M = 8.0  # around a scanner that saw no ground beneath it: 1.8 m up, from 13 degrees below the horizon on
-RAY, RAY_SPREAD = np.radians([0.35, 0.25]), 1.5  # azimuth and elevation of a direction; largest ratio of ranges in it
-SWEEP_SHARE = 0.9  # of the directions of one sweep that show one surface; the others cross an edge
-FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
+MIN_FLOOR_SHARE = 0.5  # of a room's squares that have a floor
 MIN_HEIGHT_M = 0.05  # of a camera above the ground; less is a mounting that nobody told (test_filter)
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
-MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
-MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet
+MAX_OFF_WALL = 0.15  # m from an opening to its wall
+MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between ends of walls that meet, a door and the foot of its wall
 
 # Untrusted maps (geometry/test_files): what a file says is refused beyond these
 MAX_HEADER = 1 << 16  # bytes of a file
@@ -161,4 +143,4 @@ MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond,
 
 # What is compared, and where one can be (geometry/test_synthesis, geometry/test_area)
 ELEVATIONS_DEG = (-42.5, 42.5)  # lowest and highest elevation of a panorama (N17)
-CLEARANCE = 0.3  # m of free space around the camera
+CLEARANCE = 0.3  # m of free space around the camera, above and below it; and to a point of a floor

@@ -12,18 +12,31 @@ from dataclasses import replace
 import numpy as np
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
+from mcl_depth.belief.estimate import (
+    Belief,
+    Estimate,
+    Observation,
+    find_hypotheses,
+    level_pose,
+    pose_covariance,
+)
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
+from mcl_depth.belief.joint_evidence import SurveyGrid
 from mcl_depth.belief.motion_model import sample_motion
-from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
-from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
-from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.belief.particles import (
+    Particles,
+    adjust_headings,
+    compute_weights,
+    inject_at_places,
+    interpolate_similarity,
+    resample,
+    sample_gaussian,
+    sample_uniform,
+)
+from mcl_depth.constants import MAX_SIGMA_CELLS
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import num_alpha_for
-from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison, DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
@@ -37,7 +50,7 @@ class Filter:
 
     def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
-        self.num_headings = num_alpha_for(params.heading_step_deg)
+        self._max_sigma_m = MAX_SIGMA_CELLS * depth_map.edge  # of a pose that is trusted
         self._input = InputCheck(params.input)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, params.motion)
@@ -97,7 +110,7 @@ class Filter:
         gray, is_seen, finding = self.map.level(observation.image, observation.camera, observation.rotation)
         if finding is not FINE:
             return self.refuse(observation.stamp_ns, finding)
-        estimate = self._localize(seen, Comparison(self.map.likeness.image(gray, is_seen), self.map, self.num_headings))
+        estimate = self._localize(seen, Comparison(self.map.likeness.image(gray, is_seen), self.map))
         pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate
@@ -112,13 +125,14 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, seen.step, p.state.max_chance).beside(seen)
+        limits = {"max_chance": p.state.max_chance, "max_sigma_m": self._max_sigma_m}
+        verdict = judge_belief(hypotheses[0], proof, seen.step, **limits).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng)
         if proof.is_of_map and not self._states.is_following:
-            self.particles = inject_at_places(self.particles, proof, self._rng)
+            self.particles = inject_at_places(self.particles, proof.poses, proof.shares, proof.sigmas, self._rng)
         belief = Belief(hypotheses[0], particles, comparison, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
@@ -128,10 +142,10 @@ class Filter:
         if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
         pose, covariance = reckoning.propagate(observation)
-        if reckoning.is_vague(covariance, self.map.edge, self._states.state) or not self.map.has_ground(pose):
+        height = self.map.height(pose)
+        if reckoning.is_vague(covariance, self._max_sigma_m, self._states.state) or not np.isfinite(height):
             return Estimate(status, belief=belief)
-        T_map_level = level_pose(pose, self.map.height(pose))
-        return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)
+        return Estimate(status, level_pose(pose, height), pose_covariance(covariance, float(pose[2])), belief)
 
     def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
         """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""

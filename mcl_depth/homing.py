@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcl_depth.belief.particles import best_headings, wrap_angle
+from mcl_depth.belief.motion_model import wrap_angle
+from mcl_depth.belief.particles import best_headings
 from mcl_depth.constants import MIN_LEAD, NUM_DIRECTIONS, NUM_DISTANCES, NUM_MEDIAN, NUM_PASSED, REACH
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison
 from mcl_depth.params import DirectionParams
 from sphere_nav.geometry.arrays import Array, arc_lengths
 

@@ -40,7 +40,7 @@ class ComparisonParams:
 
 @parameters
 class LikenessParams:
-    """How an image is compared with depth images (`likeness/features.py`, `likeness/learned.py`)."""
+    """How an image is compared with depth images (`likeness/gradients.py`, `likeness/learned.py`)."""
 
     kind: str = param(
         "auto",
@@ -54,7 +54,7 @@ class LikenessParams:
 class MotionParams:
     """How odometry errs (`belief/motion_model.py`)."""
 
-    way_share: float = param(0.05, "standard deviation of a way, as share of it", low=0.0, high=1.0)
+    way_share: float = param(0.05, "standard deviation of a way, and of a turn, as share of it", low=0.0, high=1.0)
     drift_deg: float = param(2.0, "heading lost on a way of one metre; grows with its square root", "deg", low=0.0)
     min_sigma: float = param(0.05, "standard deviation of the position for each image, each axis", "m", low=0.0)
     max_speed: float = param(10.0, "faster odometry is a leap and not believed", "m/s", low=0.1)
@@ -80,7 +80,7 @@ class AreaParams:
 
 @parameters
 class ResamplingParams:
-    """How many particles there are (`belief/resampling.py`)."""
+    """How many particles there are (`belief/particles.py`)."""
 
     num_particles: int = param(1000, "particles at the start, and at most; later as many as the belief needs", low=1)
 
@@ -135,6 +135,11 @@ class FilterParams:
     resampling: ResamplingParams = group(ResamplingParams)
     state: MclStateParams = group(MclStateParams)
     input: MclInputParams = group(MclInputParams)
+
+    @property
+    def num_headings(self) -> int:
+        """How many headings are compared."""
+        return round(360.0 / self.heading_step_deg)
 
 
 @parameters

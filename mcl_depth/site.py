@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.belief.joint_evidence import SurveyGrid
 from mcl_depth.constants import MESH_STEP, MIN_HEIGHT_M, MIN_SEEN
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, Ground, find_area
@@ -91,7 +91,6 @@ class Site:
         places = self.grid.positions
         num_missing = self.depth_map.fill(places, at_most)
         if not num_missing:
-            self.depth_map.prepare(places)
             self.depth_map.ranges_from(np.array([*places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(places)
 

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.evidence import Proof
-from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
-from mcl_depth.constants import (
-    EVEN_ODDS,
-    GOOD_SIGMA_M,
-    LOST_IMAGES,
-    MAX_SIGMA_M,
-    MAX_SIGMA_RAD,
-    MIN_WEIGHT,
-)
+from mcl_depth.constants import EVEN_ODDS, LOST_IMAGES, MAX_SIGMA_RAD, MIN_WEIGHT
 from sphere_nav.localization.constants import PROVEN_IMAGES
 from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, StateMachine, Verdict
 
@@ -40,7 +32,7 @@ class BeliefVerdict:
     finding: Verdict = FINE
     is_bad: bool = False
     is_lost: bool = False  # nobody knows where the vehicle is
-    num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
+    num_images: int = 1  # that it counts for on probation
 
     def beside(self, seen: Reconciled) -> BeliefVerdict:
         """Return the verdict beside what images have against odometry."""
@@ -51,12 +43,12 @@ class BeliefVerdict:
         return self if seen.finding is FINE else BeliefVerdict(seen.finding)
 
 
-def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> BeliefVerdict:
-    """Judge the belief after an image.
+def judge_belief(best: Hypothesis, proof: Proof, step: Step, *, max_chance: float, max_sigma_m: float) -> BeliefVerdict:
+    """Judge the belief after an image, by its likeliest place.
 
     Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.
     """
-    verdict = _judge_belief(hypotheses, proof, max_chance)
+    verdict = _judge_belief(best, proof, max_chance, max_sigma_m)
     is_unproven = verdict.finding.reason == Reason.OUTLIERS and not proof.is_held
     if not is_unproven and verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
         return verdict
@@ -65,8 +57,7 @@ def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max
     return verdict if step.is_known else BeliefVerdict(Verdict(Reason.ODOM_STALE), verdict.is_bad)
 
 
-def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> BeliefVerdict:
-    best = hypotheses[0]
+def _judge_belief(best: Hypothesis, proof: Proof, max_chance: float, max_sigma_m: float) -> BeliefVerdict:
     limit = EVEN_ODDS if proof.is_held else max_chance
     alike = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in proof.alike())
     another, chance = "another place fits the last images better", "probability that the place is chance"
@@ -74,16 +65,13 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     faults = {
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, alike): proof.is_in_map,
         Verdict(spread, best.weight, MIN_WEIGHT, "belief in one place"): best.weight < MIN_WEIGHT,
-        Verdict(spread, best.sigma_m, MAX_SIGMA_M, "spread in m"): best.sigma_m > MAX_SIGMA_M,
+        Verdict(spread, best.sigma_m, max_sigma_m, "spread in m"): best.sigma_m > max_sigma_m,
         Verdict(spread, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"): best.sigma_rad > MAX_SIGMA_RAD,
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, another): not proof.agrees_with(best.pose),
         Verdict(Reason.OUTLIERS, proof.p_chance, limit, chance): proof.p_chance >= limit,
     }
     if any(faults.values()):
         return BeliefVerdict(next(fault for fault, is_so in faults.items() if is_so), is_bad=True)
-    if best.sigma_m > GOOD_SIGMA_M:
-        finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
-        return BeliefVerdict(finding, num_images=0)
     return BeliefVerdict(num_images=PROVEN_IMAGES if proof.is_of_map else 1)
 
 
@@ -92,8 +80,7 @@ def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:
     if not verdict.is_bad:
         if not states.is_following:
             states.start()
-        is_wide = states.state is State.PROBATION and verdict.num_images == 0
-        states.confirm(stamp_ns, is_good=verdict.finding is FINE or is_wide, num_images=verdict.num_images)
+        states.confirm(stamp_ns, is_good=verdict.finding is FINE, num_images=verdict.num_images)
         return
     if verdict.is_lost or states.state in (State.PROBATION, State.LOST):
         states.search()

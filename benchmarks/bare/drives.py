@@ -21,8 +21,7 @@ from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world, geometry_cloud
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion, wrap_angle
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site

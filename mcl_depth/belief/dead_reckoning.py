@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis, Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion, way_of
-from mcl_depth.constants import MAX_SIGMA_CELLS, MIN_TURN, STANDSTILL_NS
+from mcl_depth.constants import MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State
@@ -60,12 +59,12 @@ class DeadReckoning:
         growth = np.diag(np.array([side, side, turn]) ** 2)
         return compose_planar(self.best.pose[None], motion)[0], self.best.covariance + growth
 
-    def is_vague(self, covariance: Array, edge: float, state: State) -> bool:
-        """Whether a pose with covariance (3, 3) is too vague for cells of `edge` m: what is next may be another room.
+    def is_vague(self, covariance: Array, max_sigma_m: float, state: State) -> bool:
+        """Whether a pose with covariance (3, 3) is too vague: what is next may be another room.
 
         After a way that was too long for one image to be sure, until the place is tracked again.
         """
-        if float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) > (MAX_SIGMA_CELLS * edge) ** 2:
+        if float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) > max_sigma_m**2:
             self._was_vague = True
         elif state is State.TRACKING:
             self._was_vague = False

@@ -1,4 +1,4 @@
-"""What goes into the filter for one image, and what comes out."""
+"""What goes into the filter for one image, and what comes out: the belief in a few words, clusters of particles."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.belief.particles import Particles
-from mcl_depth.constants import UNMODELED
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.constants import CLUSTER, KLD_BIN, MAX_HYPOTHESES, UNMODELED
+from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import Status
@@ -29,6 +32,25 @@ class Observation:
     stamp_ns: int
     rotation: Array
     odometry: Array | None = None
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One place: x, y, yaw (3,) in the map, covariance (3, 3) in the map's axes, share of the belief."""
+
+    pose: Array
+    covariance: Array
+    weight: float
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of the position, the larger axis."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the heading."""
+        return float(np.sqrt(self.covariance[2, 2]))
 
 
 @dataclass(frozen=True)
@@ -63,3 +85,35 @@ def pose_covariance(covariance: Array, yaw: float) -> Array:
     full = np.zeros((6, 6))
     full[PLANAR] = local
     return full + np.diag(UNMODELED**2)
+
+
+def find_hypotheses(particles: Particles) -> list[Hypothesis]:
+    """Return the clusters by falling weight: particles in bins of position and heading that touch belong together."""
+    labels = _labels(particles.poses)
+    shares = np.bincount(labels, particles.weights)
+    order = np.argsort(-shares, kind="stable")[:MAX_HYPOTHESES]
+    return [_hypothesis(particles, np.flatnonzero(labels == label)) for label in order]
+
+
+def _labels(poses: Array) -> NDArray[np.int64]:
+    """Return the number (N,) of the cluster of each pose (N, 3)."""
+    box = CLUSTER * KLD_BIN
+    num_turns = round(2.0 * np.pi / box[2])
+    cells = np.floor(poses / box).astype(np.int64)
+    cells[:, 2] %= num_turns
+    bins, bin_of = np.unique(cells, axis=0, return_inverse=True)
+    around = cKDTree(bins, boxsize=[0.0, 0.0, num_turns])  # headings wrap around
+    rows, columns = around.query_pairs(1.5, np.inf, output_type="ndarray").T
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(bins), len(bins)))
+    return connected_components(links, directed=False)[1][bin_of.ravel()].astype(np.int64)
+
+
+def _hypothesis(particles: Particles, members: NDArray[np.int64]) -> Hypothesis:
+    poses, weights = particles.poses[members], particles.weights[members]
+    total = float(weights.sum())
+    share = weights / total if total > 0.0 else np.full(len(members), 1.0 / len(members))
+    yaw = np.arctan2(share @ np.sin(poses[:, 2]), share @ np.cos(poses[:, 2]))
+    pose = np.array([*(share @ poses[:, :2]), yaw])
+    errors = poses - pose
+    errors[:, 2] = wrap_angle(errors[:, 2])
+    return Hypothesis(pose, (errors * share[:, None]).T @ errors, total)

@@ -2,7 +2,7 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/gradient_filter.py`), and these fields are summed along odometry (`joint_evidence.py`).
+(`likeness/spectra.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
 The best place of the map is then held against two things. Drives that are not in the map are made of the same images
 (`JointEvidence`): what they reach by chance, the drive itself reaches by chance, in n images more or
@@ -21,13 +21,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
+from sphere_nav.estimation.gates import gate
 
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence
-from mcl_depth.belief.motion_model import way_of
-from mcl_depth.belief.particles import wrap_angle
-from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence, SurveyGrid
+from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
@@ -36,18 +35,16 @@ from mcl_depth.constants import (
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
-    MAXIMA_SHARE,
-    MIN_PATCH,
     NEAR,
+    NEW_SIGMA,
     NUM_MAXIMA,
     OFF_MAP,
-    PATCH,
     PEAK,
     RIVAL_SCALE,
     ROOM_M,
     TAIL,
 )
-from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.geometry.arrays import TINY, Array
 
 
@@ -56,14 +53,14 @@ class Proof:
     """How often chance would look like a place: the best of the map, or one that is held or on trial.
 
     A held place was proven before, and is only to be kept. Where the map was searched, poses (K, 3) are its best
-    places, best first, and shares (K,) of 1; `tolerance_m` is how far off the first of them may be.
+    places, best first, and shares (K,) of 1; `sigmas` (3,), m, m, rad, are how sharp they are.
     """
 
     p_chance: float
     is_held: bool = False
     poses: Array = field(default_factory=lambda: np.zeros((0, 3)))
     shares: Array = field(default_factory=lambda: np.zeros(0))
-    tolerance_m: float = 0.0
+    sigmas: Array = field(default_factory=NEW_SIGMA.copy)
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
 
@@ -80,16 +77,16 @@ class Proof:
         """Return the best places of the map where it was searched, each as sharp as the grid; else the hypotheses."""
         if not self.is_of_map:
             return tuple(hypotheses)
-        covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
         best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
-        return tuple(Hypothesis(pose, covariance, float(share)) for pose, share in best)
+        return tuple(Hypothesis(pose, np.diag(self.sigmas**2), float(share)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
         """Whether a pose (3,) is the best place of the map, where that was searched."""
         if not self.is_of_map:
             return True
         off = pose - self.poses[0]
-        return way_of(off) <= self.tolerance_m and abs(float(wrap_angle(off[2]))) <= np.radians(30.0)
+        off[2] = wrap_angle(off[2])
+        return float(np.sum((off / self.sigmas) ** 2)) <= gate(3)
 
 
 class Evidence:
@@ -123,11 +120,13 @@ class Evidence:
         if not seen.is_known:
             self.reset(is_given=True)
         self.place = None
+        value = self._stands_out(comparison, pose) if is_held or self._trial is not None else None
         if is_held and seen.is_known:
-            self._add_to(self._watch, comparison, pose)
+            if value is not None:
+                self._watch.add(value)
             return Proof(self._watch.p_chance, is_held=True)
         self._watch = PlaceTest(self._max_chance, is_held=True)
-        if self._trial is not None and self._is_open(self._trial, comparison, pose):
+        if self._trial is not None and self._is_open(self._trial, value):
             self.place = pose if self._trial.p_chance < EVEN_ODDS else None
             return Proof(self._trial.p_chance)
         self._trial = None
@@ -135,32 +134,30 @@ class Evidence:
         self.place = proof.poses[0] if proof.is_proven else None
         return proof
 
-    def _is_open(self, trial: PlaceTest, comparison: Comparison, pose: Array) -> bool:
-        """Add an image to a trial of a pose (3,); return whether the place is not refused.
+    def _is_open(self, trial: PlaceTest, value: float | None) -> bool:
+        """Add an image to a trial; return whether the place is not refused.
 
         Particles seek what fits, so a wrong place that is given enough images finds some: a trial that stays open ends.
         """
         self._num_left -= 1
-        if np.all(self._grid.rows_around(pose, NEAR) < 0):
-            trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
-        else:
-            self._add_to(trial, comparison, pose)
+        trial.add(value or 0.0)  # where nobody can be an image fits as it does anywhere
         return trial.is_confirmed or (self._num_left > 0 and not trial.is_refused())
 
-    def _add_to(self, test: PlaceTest, comparison: Comparison, pose: Array) -> None:
-        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
-        rows = self._grid.rows_around(pose, PATCH // 2)
-        is_there = rows >= 0
-        if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
-            curves = _contrast(comparison.survey(rows[is_there]))
-            num_headings = curves.shape[1]
-            patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
-            patch[:, is_there] = curves.T
-            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+    def _stands_out(self, comparison: Comparison, pose: Array) -> float | None:
+        """Return how far a pose (3,) stands out of what is around it in an image; None where it is off the map."""
+        positions = self._grid.positions
+        off = np.abs(positions - pose[:2]).max(axis=1)
+        rows = np.flatnonzero(off <= 0.5 * LOCAL_M)
+        is_near = off[rows] <= NEAR * self._grid.edge
+        if not is_near.any():
+            return None
+        curves = _contrast(comparison.survey(positions[rows]))
+        count = curves.shape[1]
+        return excess(curves, is_near, round(float(pose[2]) / (2.0 * np.pi) * count) % count)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field = standardize(comparison.survey(), self._grid)
+        field = standardize(comparison.survey(self._grid.positions), self._grid)
         joint, level = self._drives.add(field, odometry, self._grid.mask)
         places, values = find_maxima(joint, self._grid.mask)
         p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
@@ -169,12 +166,12 @@ class Evidence:
             p_lead = chance_of_lead(values)
             p_elsewhere, p_chance = max(p_elsewhere, p_lead), max(p_chance, p_lead)
         shares = np.exp((values - values[0]) / RIVAL_SCALE)
-        poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
+        poses = self._grid.poses_of(places, len(joint))
         return Proof(
             p_chance,
             poses=poses,
             shares=shares / shares.sum(),
-            tolerance_m=tolerance,
+            sigmas=np.maximum(NEW_SIGMA, [0.5 * self._grid.edge, 0.5 * self._grid.edge, 0.0]),
             is_in_map=p_elsewhere < self._max_chance <= p_chance and len(poses) > 1,
             is_proven=p_chance < self._max_chance,
         )
@@ -201,7 +198,7 @@ def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
 def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
 
-    Those around the first belong to it and are left out; and so is the lower half of all.
+    Those around the first belong to it and are left out.
     """
     inside = np.where(mask, joint, -np.inf)
     highest = maximum_filter(inside, 2 * PEAK + 1, mode=("wrap", "constant", "constant"), cval=-np.inf)
@@ -213,8 +210,7 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
     is_kept = np.any(off > APART, axis=1)
     is_kept[0] = True
-    count = min(NUM_MAXIMA, int(MAXIMA_SHARE * np.count_nonzero(is_kept)))
-    return places[is_kept][: count + 1], values[is_kept][: count + 1]
+    return places[is_kept][: NUM_MAXIMA + 1], values[is_kept][: NUM_MAXIMA + 1]
 
 
 def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:

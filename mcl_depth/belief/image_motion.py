@@ -28,17 +28,14 @@ from mcl_depth.belief.motion_model import (
     planar_pose,
     relative_motion,
     way_of,
+    wrap_angle,
 )
-from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     IMAGE_DRIFT,
-    IMAGE_FORGETTING,
     IMAGE_SIGMA,
     MAX_REACH,
-    MAX_USUAL_WAYS,
     MIN_MOUNTING_ERROR,
     MIN_NCC,
-    SAME_PLACE,
     SHARP_M,
     WHEEL_SIGMA,
 )
@@ -126,16 +123,11 @@ class ReconciledOdometry:
         """Forget the image: odometry is believed until two of them are compared."""
         self._view: View | None = None  # of the image that is kept
         self._reach_m = 0.0
-        self._usual_ncc = self._usual_way = 0.0
-        self._fit: tuple[float, float] | None = None  # of the last image: correlation, way in m
+        self._follows = False  # the last image could be aligned with the one before
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
         """Measure from the last image on, levelled (H, W), at a pose (3,) of the map; None: no place is held."""
         self._reference = self._now
-        if self._fit is not None:
-            share, (ncc, way) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
-            self._usual_ncc += share * (ncc - self._usual_ncc)
-            self._usual_way += share * (way - self._usual_way)
         range_m = self._map.ranges_from(pose) if pose is not None else None
         self._view = None
         if range_m is not None:
@@ -172,17 +164,16 @@ class ReconciledOdometry:
     def _compare(self, observation: Observation, motion: Array) -> tuple[Verdict, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
 
-        An image that cannot be aligned says something only where such images usually can; of a way that is long by what
-        is seen an alignment says nothing: a room looks another from its other end.
+        An image that cannot be aligned says something only where the last one could; of a way that is long by what is
+        seen an alignment says nothing: a room looks another from its other end.
         """
-        self._fit, way = None, way_of(motion)
-        if self._view is None or way > self._reach_m:
+        if self._view is None or way_of(motion) > self._reach_m:
             return FINE, motion, True, False
         step = measure_motion(self._view, observation, motion)
-        if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
-            self._fit = step.ncc, way
+        followed, self._follows = self._follows, step.ncc >= MIN_NCC
+        if not self._follows and not followed:
             return FINE, motion, True, False
-        if step.ncc < MIN_NCC:
+        if not self._follows:
             detail = "the image does not follow from the last one: correlation"
             return Verdict(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
         C_odometry = np.diag(motion_sigmas(motion, self._params, WHEEL_SIGMA) ** 2)
@@ -193,7 +184,6 @@ class ReconciledOdometry:
             words, remedy = describe_difference(motion, step.motion)
             limit = float(np.sqrt(gate(3, 1e-4)))
             return Verdict(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
-        self._fit = step.ncc, way
         is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
         return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp
 

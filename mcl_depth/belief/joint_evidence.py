@@ -1,10 +1,9 @@
 """The evidence of all images so far for every heading and cell of a map, summed along odometry.
 
-A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole
-cells and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded
-twice. Odometry errs: every second image, and after a long way, a pose may also come from a neighbouring cell or
-heading, at a cost. That is the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best
-way that ends there.
+A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole cells
+and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded twice.
+Odometry errs: every second image a pose may also come from a neighbouring cell or heading, at a cost. That is the
+algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best way that ends there.
 
 Evidence is counted by the way, not by the image: what images of one street say, right or wrong, is alike over about a
 metre, so the second of two that are nearer says only what is left. An image counts in full after a cell's diagonal.
@@ -19,12 +18,41 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from mcl_depth.belief.motion_model import relative_motion, way_of
-from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
+from mcl_depth.belief.motion_model import relative_motion, way_of, wrap_angle
+from mcl_depth.constants import COST, FORGETTING, NEW_TURN, STEP_EVERY, TURNS
+from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array
 
 ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in (np.cos, np.sin)], axis=1)  # directions
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
+
+
+class SurveyGrid:
+    """The cells of a map that are compared with every image: all of them, or a coarser grid of a large map."""
+
+    def __init__(self, depth_map: DepthMap, middles: Array) -> None:
+        """`middles` (K, 2) m of the area; no more cells than the depth cache holds beside those of particles."""
+        cells = np.unique(depth_map.cells(middles), axis=0)
+        limit = max(int(0.8 * depth_map.cache.capacity), 1)
+        stride = 1
+        while len(np.unique(cells // stride, axis=0)) > limit:
+            stride += 1
+        off_middle = np.abs(cells % stride - stride // 2).sum(axis=1)
+        nearest = cells[np.argsort(off_middle, kind="stable")]
+        coarse, first = np.unique(nearest // stride, axis=0, return_index=True)
+        chosen = nearest[first]
+        self.edge, self.diagonal = depth_map.edge * stride, float(np.sqrt(2.0)) * depth_map.edge  # m, of a cell
+        self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
+        self._low = coarse.min(axis=0)
+        self.index = coarse - self._low  # (K, 2)
+        self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
+        self.mask = np.zeros(self.shape, np.bool_)
+        self.mask[tuple(self.index.T)] = True
+
+    def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
+        """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""
+        xy = (places[:, 1:] + self._low + 0.5) * self.edge
+        return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
 
 
 @dataclass(frozen=True)
@@ -97,17 +125,10 @@ class JointEvidence:
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = shift_headings(total, shifts, turn)  # of a place that was off the map nothing is known
-        for _ in range(self._num_steps(way_of(motion))):
-            moved = relax(moved)
-        return moved
-
-    def _num_steps(self, way: float) -> int:
-        """Return by how many cells odometry may have erred on a way, m: images that are far apart need more of them."""
-        far = int(WAY_SHARE * way / (0.5 * self._edge))
-        is_due = self._num_images >= STEP_EVERY - NEARLY
-        if is_due:
-            self._num_images -= STEP_EVERY
-        return min(max(far, int(is_due)), MAX_STEPS)
+        if self._num_images < STEP_EVERY:
+            return moved
+        self._num_images -= STEP_EVERY
+        return relax(moved)
 
 
 def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:

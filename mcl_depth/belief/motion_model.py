@@ -6,15 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
     BLIND_SPEED,
     BLIND_TURN_RATE,
     MAX_BLIND_STEP,
     MAX_LEAP,
     MIN_TURN_SIGMA,
-    SIDE_SHARE,
-    TURN_SHARE,
 )
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3
@@ -29,6 +26,11 @@ class Step:
     sigmas: Array
     is_known: bool = True
     jump: float = 0.0  # m that odometry leapt, where it was not believed
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Return angles in rad in [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def planar_pose(pose: SE3) -> Array:
@@ -80,7 +82,6 @@ def blind_step(seconds: float, jump: float = 0.0) -> Step:
 def motion_sigmas(motion: Array, params: MotionParams, least: float) -> Array:
     """Return the standard deviations (3,) of a motion (3,) by odometry, those of a position at least so many m."""
     way, turn = way_of(motion), float(motion[2])
-    along = np.hypot(params.way_share * way, least)
-    across = np.hypot(SIDE_SHARE * params.way_share * way, least)
+    position = np.hypot(params.way_share * way, least)
     drift = np.radians(params.drift_deg) ** 2 * way
-    return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
+    return np.array([position, position, np.sqrt((params.way_share * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])

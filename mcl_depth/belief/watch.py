@@ -15,32 +15,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import (
-    MAX_EXCESS,
-    MAX_LOG_RATIO_STEP,
-    NEAR,
-    NEWS,
-    OTHER_HEADINGS,
-    RIGHT_MEAN,
-    RIGHT_SIGMA,
-)
-
-Patch = NDArray[np.float32]
+from mcl_depth.constants import APART, MAX_LOG_RATIO_STEP, NEWS, RIGHT_MEAN, RIGHT_SIGMA
 
 
-def excess(patch: Patch, heading: int) -> float:
-    """Return how far the middle of a patch (A, n, n) stands out at a heading: against all other headings there.
+def excess(curves: NDArray[np.float32], is_near: NDArray[np.bool_], heading: int) -> float:
+    """Return how far the cells at a place stand out at a heading: against all other headings there.
 
-    patch: what an image makes of the headings and cells around a place, NaN where there is no cell. What a heading has
-    in all cells of the patch is taken off, and the best of neighbouring cells and headings counts.
+    curves (K, A): what an image makes of the cells around the place, some of them at it (`is_near`). What a heading has
+    in all of them is taken off, and the best of neighbouring cells and headings counts.
     """
-    local = patch - np.nanmean(patch, axis=(1, 2), keepdims=True)
-    middle = patch.shape[1] // 2
-    near = slice(middle - NEAR, middle + NEAR + 1)
-    best = np.nan_to_num(local, nan=-np.inf)[:, near, near].max(axis=(1, 2))
-    best = np.max([np.roll(best, step) for step in range(-NEAR, NEAR + 1)], axis=0)
+    best = (curves - curves.mean(axis=0))[is_near].max(axis=0)
+    best = np.maximum(best, np.maximum(np.roll(best, 1), np.roll(best, -1)))
     steps = np.abs(np.arange(len(best)) - heading)
-    others = best[np.minimum(steps, len(best) - steps) > OTHER_HEADINGS]
+    others = best[np.minimum(steps, len(best) - steps) > APART]
     return float((best[heading] - others.mean()) / max(float(others.std()), 1e-9))
 
 
@@ -79,5 +66,5 @@ class PlaceTest:
 
 def log_ratio_of(value: float) -> float:
     """Return log N(value; 0, s) - log N(value; m, s), m, s those of a right place, within `MAX_LOG_RATIO_STEP`."""
-    ratio = 0.5 * RIGHT_MEAN * (RIGHT_MEAN - 2.0 * min(value, MAX_EXCESS)) / RIGHT_SIGMA**2
+    ratio = 0.5 * RIGHT_MEAN * (RIGHT_MEAN - 2.0 * value) / RIGHT_SIGMA**2
     return float(np.clip(ratio, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))

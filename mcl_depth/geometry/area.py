@@ -12,19 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label, map_coordinates
 from scipy.spatial import cKDTree
 
-from mcl_depth.constants import (
-    BODY,
-    CLEARANCE,
-    FLOOR_REACH,
-    GROUND_REACH,
-    GROUND_STEP,
-    MAX_BLIND_M,
-    MAX_ELEMENTS,
-    MIN_FLOOR_SHARE,
-    RAY,
-    RAY_SPREAD,
-    SWEEP_SHARE,
-)
+from mcl_depth.constants import CLEARANCE, GROUND_REACH, GROUND_STEP, MAX_BLIND_M, MAX_ELEMENTS, MIN_FLOOR_SHARE
 from mcl_depth.geometry.survey_frame import numbers_of
 from mcl_depth.params import AreaParams
 from sphere_nav.geometry.arrays import Array
@@ -64,7 +52,7 @@ def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], p
     axes = (low[i] + (np.arange(counts[i]) + 0.5) * params.step for i in range(2))
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float64)
     above = points[:, 2] - heights(points[:, :2].astype(np.float64))
-    in_the_way = _is_near(middles, points[np.abs(above) < BODY], CLEARANCE)
+    in_the_way = _is_near(middles, points[np.abs(above) < CLEARANCE])
     free = (np.isfinite(heights(middles)) & ~in_the_way).reshape(counts)
     pieces, num_pieces = label(free)
     if not num_pieces:
@@ -73,7 +61,7 @@ def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], p
     is_kept = sizes * params.step**2 >= params.min_piece
     if np.count_nonzero(is_kept) > 1:
         # below the camera at their own place: ground is lent to squares without any, along the outside of every wall
-        has_floor = _is_near(middles, points[above < -BODY], FLOOR_REACH)
+        has_floor = _is_near(middles, points[above < -CLEARANCE])
         is_kept &= np.bincount(pieces.ravel(), has_floor.ravel(), num_pieces + 1)[1:] > MIN_FLOOR_SHARE * sizes
     is_kept[np.argmax(sizes)] = True
     return Area(middles[np.append(False, is_kept)[pieces].ravel()], params.step)
@@ -87,17 +75,21 @@ def limits_of(text: str) -> Array | None:
     return numbers
 
 
-def _is_near(middles: Array, points: NDArray[np.floating], reach: float) -> NDArray[np.bool_]:
-    """Return which of the middles (K, 2) have one of the points (N, 3) above or below them, within so many m."""
+def _is_near(middles: Array, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return which of the middles (K, 2) have one of the points (N, 3) above or below them, within `CLEARANCE`."""
     if not len(points):
         return np.zeros(len(middles), np.bool_)
-    cells = np.unique(np.round(points[:, :2] / (0.25 * reach)).astype(np.int64), axis=0) * (0.25 * reach)
-    found: NDArray[np.bool_] = cKDTree(cells).query(middles, distance_upper_bound=reach)[0] < reach
+    side = 0.25 * CLEARANCE
+    cells = np.unique(np.round(points[:, :2] / side).astype(np.int64), axis=0) * side
+    found: NDArray[np.bool_] = cKDTree(cells).query(middles, distance_upper_bound=CLEARANCE)[0] < CLEARANCE
     return found
 
 
 class Ground:
-    """Height of the ground under (x, y), from points (N, 3) of the map."""
+    """Height of the ground under (x, y), from points (N, 3) of the map.
+
+    A scanner that stood at the origin saw no ground beneath it: such a hole is filled whatever its size.
+    """
 
     def __init__(self, points: NDArray[np.floating]) -> None:
         self._low = points[:, :2].min(axis=0).astype(np.float64)
@@ -110,8 +102,12 @@ class Ground:
         lowest = np.full(shape, np.inf)
         np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
         x, y = (low + GROUND_STEP * (np.arange(count) + 0.5) for low, count in zip(self._low, shape, strict=True))
-        is_blind = np.hypot(x[:, None], y) < blind_radius(points)
-        self._heights = _fill(lowest, is_blind)
+        below = points[points[:, 2] < 0.0]
+        blind = float(np.hypot(below[:, 0], below[:, 1]).min(initial=np.inf))
+        is_blind = (np.hypot(x[:, None], y) < blind) & (blind < MAX_BLIND_M)
+        distance, nearest = distance_transform_edt(np.isinf(lowest), return_indices=True)
+        self._heights = lowest[nearest[0], nearest[1]]
+        self._heights[(distance * GROUND_STEP > GROUND_REACH) & ~is_blind] = np.nan
 
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
@@ -121,30 +117,3 @@ class Ground:
         outside = np.any((place < -1.0) | (place > self._heights.shape), axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
-
-
-def blind_radius(points: NDArray[np.floating]) -> float:
-    """Return how far around the origin, m, a scanner that stood there saw no ground; 0 unless all is its one sweep.
-
-    From its own place a sweep has one range in each direction, and a hole beneath.
-    """
-    below = points[points[:, 2] < 0.0]
-    radius = float(np.hypot(below[:, 0], below[:, 1]).min()) if len(below) else 0.0
-    if not GROUND_REACH < radius < MAX_BLIND_M:
-        return 0.0
-    ranges = np.maximum(np.linalg.norm(points, axis=1), 1e-9)
-    angles = np.column_stack([np.arctan2(points[:, 1], points[:, 0]), np.arcsin(points[:, 2] / ranges)])
-    _, ray = np.unique(np.floor(angles / RAY).astype(np.int64), axis=0, return_inverse=True)
-    nearest, farthest = np.full(ray.max() + 1, np.inf), np.zeros(ray.max() + 1)
-    np.minimum.at(nearest, ray, ranges)
-    np.maximum.at(farthest, ray, ranges)
-    return radius if np.mean(farthest < RAY_SPREAD * nearest) > SWEEP_SHARE else 0.0
-
-
-def _fill(lowest: Array, is_blind: NDArray[np.bool_]) -> Array:
-    """Return the grid with holes filled from the nearest square within reach, or at any distance where `is_blind`."""
-    is_empty = ~np.isfinite(lowest)
-    distance, nearest = distance_transform_edt(is_empty, return_indices=True)
-    filled = lowest[nearest[0], nearest[1]]
-    filled[(distance * GROUND_STEP > GROUND_REACH) & ~is_blind] = np.nan
-    return filled

@@ -87,3 +87,12 @@ def cube_keys(points: NDArray[np.floating], corner: NDArray[np.floating], side: 
         keys <<= INDEX_BITS + 1
         keys ^= np.floor((axis - low) / side).astype(np.int64)
     return keys
+
+
+def means_of(points: NDArray[np.float64], size: float, name: str) -> NDArray[np.float64]:
+    """Return the mean point (N, 3) of each voxel; ValueError where points are too wide for such voxels."""
+    low = points.min(axis=0)
+    if (extent := float((points - low).max())) / size >= 2**INDEX_BITS:
+        raise ValueError(f"{name}: expected an extent below {2**INDEX_BITS * size:g} m, found {extent:g} m")
+    _, voxel, counts = np.unique(cube_keys(points, low, size), return_inverse=True, return_counts=True)
+    return np.stack([np.bincount(voxel, axis) for axis in points.T], axis=1) / counts[:, None]

@@ -13,7 +13,7 @@ from mcl_depth.geometry.cloud import Geometry, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
 from mcl_depth.geometry.geodetic import declared_unit
 from mcl_depth.geometry.las import ENDINGS as LAS_ENDINGS
-from mcl_depth.geometry.las import read_header, read_las
+from mcl_depth.geometry.las import read_header, read_las, seconds_for
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import points_of, read_ply
@@ -27,7 +27,7 @@ from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file, read
 TILE_ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".e57")
 ENDINGS = (*TILE_ENDINGS, ".csv")
 MAX_COORDINATE = 1e3 * MAX_COORDINATE_M  # of a file, which may be in millimetres
-E57_BYTES, E57_RATIO, E57_S = 1 << 30, 24, 30.0  # memory of its process, beside that by the size of the file; seconds
+E57_BYTES, E57_RATIO = 1 << 30, 24  # memory of its process, beside that by the size of the file
 
 
 def read_geometry(path: str | Path, survey: SurveyParams | None = None, limits: Array | None = None) -> Geometry:
@@ -103,8 +103,8 @@ def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray
         case ".las" | ".laz":
             return read_las(path, box), nothing
         case ".e57":
-            memory, seconds = E57_BYTES + E57_RATIO * path.stat().st_size, E57_S + path.stat().st_size / 1e6
-            return read_isolated(read_scans, path, memory, seconds), nothing
+            memory = E57_BYTES + E57_RATIO * path.stat().st_size
+            return read_isolated(read_scans, path, memory, seconds_for(path)), nothing
         case ".npy":
             return _read_npy(path), nothing
         case other:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MAX_OFF_WALL, MAX_SURFACES, MIN_PIECE, MIN_SILL, SAME_CORNER
+from mcl_depth.constants import MAX_OFF_WALL, MAX_SURFACES, MIN_PIECE, SAME_CORNER
 from mcl_depth.geometry.cloud import Geometry
 from mcl_depth.geometry.mesh import mesh_from_faces
 from sphere_nav.geometry.files.untrusted import number, read_text, short
@@ -117,7 +117,7 @@ def _cut(
     if np.abs(ends @ across).max() > MAX_OFF_WALL:
         return None
     first, last = np.clip(np.sort(ends @ along), 0.0, length)
-    bottom = wall.bottom if hole.bottom - wall.bottom < MIN_SILL else hole.bottom
+    bottom = wall.bottom if hole.bottom - wall.bottom < SAME_CORNER else hole.bottom
     top = min(hole.top, wall.top)
     return (float(first), float(last), bottom, top) if last - first > MIN_PIECE and top > bottom else None
 

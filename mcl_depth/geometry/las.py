@@ -65,9 +65,13 @@ def read_las(path: Path, box: Array | None = None) -> NDArray[np.float64]:
     if not header.are_points_compressed:
         return read_points(path, *words)
     max_bytes = 4 * CHUNK_BYTES + (4 * 24 + header.point_format.size) * min(header.point_count, 2 * MAX_KEPT)
-    seconds = READ_S + path.stat().st_size / BYTES_PER_S
-    points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, seconds, *words)
+    points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, seconds_for(path), *words)
     return points
+
+
+def seconds_for(path: Path) -> float:
+    """Return the time that a process is given to read a file."""
+    return READ_S + path.stat().st_size / BYTES_PER_S
 
 
 def read_points(path: Path, *box: str) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """Features of synthesised depth images by position (algorithm 2, D_cache): a bounded memory, kept on disk if wanted.
 
-Arrays kept in a folder between runs: made beside it and renamed, so that a reader finds all of them or none.
+There they are arrays in a folder: made beside it and renamed, so that a reader finds all of them or none.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,28 +19,9 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.files.untrusted import read_npy
 
 Cell = tuple[int, int]
-Stack: TypeAlias = NDArray[np.void]  # depth features of panoramas, a record for each
-
-
-def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays by name into a folder; the last one to write wins."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    for name, array in arrays.items():
-        np.save(fresh / f"{name}.npy", array, allow_pickle=False)
-    if folder.exists():
-        shutil.rmtree(folder)
-    os.replace(fresh, folder)
-
-
-def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None:
-    """Return what `save_arrays` wrote, mapped into memory; None without a folder. ValueError if damaged."""
-    if not folder.is_dir():
-        return None
-    try:
-        return [read_npy(folder / f"{name}.npy", "array of depth features") for name in names]
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+Stack: TypeAlias = Mapping[
+    str, NDArray[Any]
+]  # depth features of panoramas by name, the first axis is that of panoramas
 
 
 def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
@@ -51,10 +32,11 @@ def keys_of(cells: NDArray[np.int64]) -> list[Cell]:
 class DepthCache:
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, record: np.dtype[np.void]) -> None:
-        """`record`: what is to be kept of each panorama."""
-        self.capacity = max(max_bytes // record.itemsize, 1)
-        self.stack: Stack = np.empty(self.capacity, record)  # memory is taken when it is written to
+    def __init__(self, max_bytes: int, one: Stack) -> None:
+        """`one`: features of one panorama, whatever they are."""
+        self.capacity = max(max_bytes // sum(part.nbytes for part in one.values()), 1)
+        shapes = {name: (self.capacity, *part.shape[1:]) for name, part in one.items()}
+        self.stack = {name: np.empty(shapes[name], part.dtype) for name, part in one.items()}  # memory comes when used
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
     def __len__(self) -> int:
@@ -77,21 +59,34 @@ class DepthCache:
             is_full = len(self._slots) >= self.capacity
             self._slots[key] = self._slots.popitem(last=False)[1] if is_full else len(self._slots)
         slots = np.array([self._slots[key] for key in keys_of(cells)], dtype=np.int64)
-        self.stack[slots] = features
+        for name, part in self.stack.items():
+            part[slots] = features[name]
         return slots
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder; the last one to write wins."""
-        cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
-        save_arrays(folder, {"cells": cells, "features": self.stack[list(self._slots.values())]})
+        cells, slots = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2), list(self._slots.values())
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        for name, array in [("cells", cells), *((name, part[slots]) for name, part in self.stack.items())]:
+            np.save(fresh / f"{name}.npy", array, allow_pickle=False)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(fresh, folder)
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote, as much as fits. A damaged folder is ValueError."""
-        found = load_arrays(folder, ("cells", "features"))
-        if found is None:
+        if not folder.is_dir():
             return
-        cells, kept = found
-        if kept.shape != (len(cells),) or kept.dtype != self.stack.dtype:
-            expected = f"{len(cells)} of {self.stack.dtype}"
-            raise ValueError(f"{folder}: expected features {expected}, found {kept.shape} of {kept.dtype}")
-        self.insert(cells[-self.capacity :], kept[-self.capacity :])
+        try:
+            names = ("cells", *self.stack)
+            cells, *parts = (read_npy(folder / f"{name}.npy", "array of depth features") for name in names)
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+        kept = dict(zip(self.stack, parts, strict=True))
+        for name, part in self.stack.items():
+            expected, found = (len(cells), *part.shape[1:]), kept[name]
+            if found.shape != expected or found.dtype != part.dtype:
+                told = f"{found.shape} of {found.dtype}"
+                raise ValueError(f"{folder}: {name}: expected {expected} of {part.dtype}, found {told}")
+        self.insert(cells[-self.capacity :], {name: part[-self.capacity :] for name, part in kept.items()})

@@ -9,13 +9,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.likeness.depth_cache import DepthCache, keys_of, load_arrays, save_arrays
+from mcl_depth.likeness.depth_cache import DepthCache, keys_of
 from mcl_depth.likeness.features import Image, Mask, is_sky
 from mcl_depth.likeness.kinds import Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
@@ -41,8 +40,7 @@ class DepthMap:
         camera = synthesizer.camera
         self.likeness = likeness_of(params, camera)
         one = self.likeness.depths(np.ones((1, camera.height, camera.width), np.float32))
-        self.cache = DepthCache(params.cache.max_megabytes << 20, one.dtype)
-        self.survey: Any = None
+        self.cache = DepthCache(params.cache.max_megabytes << 20, one)
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -60,24 +58,19 @@ class DepthMap:
         """Return the height (N,) m of a camera above the ground at (N, 2); NaN where there is no ground."""
         return self._ground(positions[:, :2]) + self.camera_height
 
-    def has_ground(self, pose: Array) -> bool:
-        """Whether a pose (3,) is on the map."""
-        return bool(np.isfinite(self.heights(pose[None, :2])[0]))
-
     def height(self, pose: Array) -> float:
-        """Return the height m of a camera at x, y of a pose (3,); that above height 0 where there is no ground."""
-        height = float(self.heights(pose[None, :2])[0])
-        return height if np.isfinite(height) else self.camera_height
+        """Return the height m of a camera at x, y of a pose (3,); NaN off the map."""
+        return float(self.heights(pose[None, :2])[0])
 
     def ranges_from(self, pose: Array) -> NDArray[np.float32] | None:
         """Return the range panorama (H, W) in m that a level camera at a pose (3,) has, NaN unknown; None off the map.
 
         Above all that is known of a column it is far where the sky is.
         """
-        position = np.array([[*pose[:2], self.heights(pose[None, :2])[0]]])
-        if not np.isfinite(position[0, 2]):
+        height = self.height(pose)
+        if not np.isfinite(height):
             return None
-        ranges = self._synthesizer.synthesize_many(position)[0]
+        ranges = self._synthesizer.synthesize_many([[*pose[:2], height]])[0]
         if self._params.comparison.is_sky_far:
             ranges[is_sky(ranges)] = np.inf
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
@@ -94,8 +87,9 @@ class DepthMap:
         detail = f"{share:.0%} of the panorama is seen"
         return gray, is_seen, Verdict(Reason.LOW_OVERLAP, share, least, detail)
 
-    def similarities(self, visual: Visual, cells: NDArray[np.int64], num_headings: int) -> NDArray[np.float32]:
-        """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
+    def similarities(self, visual: Visual, cells: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the similarity (N, headings) of an image with the depth images of cells; 0 without ground."""
+        num_headings = self._params.num_headings
         curves = np.zeros((len(cells), num_headings), dtype=np.float32)
         for first in range(0, len(cells), self.cache.capacity):
             slots = self._slots(cells[first : first + self.cache.capacity])
@@ -105,22 +99,9 @@ class DepthMap:
                 curves[first + known] = np.nan_to_num(found)
         return curves
 
-    def prepare(self, positions: Array) -> None:
-        """Make `survey`, which compares an image with all cells of positions (N, 2) at once, or read it from the disk.
-
-        Where a folder is set, it is kept there.
-        """
-        kind, folder, kept = self.likeness.filter, None, None
-        if self._folder is not None:
-            places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
-            folder = self._folder.with_name(f"{self._folder.name}_{places}")
-            kept = load_arrays(folder, kind._fields)
-        if kept is not None and len(kept[0]) == len(positions):
-            self.survey = kind(*map(np.array, kept))
-            return
-        self.survey = kind.of(self.cache.stack, self._slots(self.cells(positions)))
-        if folder is not None:
-            save_arrays(folder, self.survey._asdict())
+    def survey(self, visual: Visual, cells: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return how well an image fits many cells (N, headings), no more than the cache holds, in its own units."""
+        return self.likeness.survey(visual, self.cache.stack, self._slots(cells), self._params.num_headings)
 
     def fill(self, positions: Array, at_most: int | None = None) -> int:
         """Make missing depth images of positions (N, 2), as many as the cache holds; return how many are still missing.
@@ -132,14 +113,9 @@ class DepthMap:
         cells = on_ground[[key not in self.cache for key in keys_of(on_ground)]]
         made = self._slots(cells[:at_most])
         num_missing = len(cells) - len(made)
-        if len(made) and not num_missing:
-            self.save()
-        return num_missing
-
-    def save(self) -> None:
-        """Keep the depth features on disk, where a folder is set."""
-        if self._folder is not None:
+        if len(made) and not num_missing and self._folder is not None:
             self.cache.save(self._folder)
+        return num_missing
 
     def _middles(self, cells: NDArray[np.int64]) -> Array:
         """Return the camera positions (N, 3) that stand for cells."""
@@ -149,11 +125,13 @@ class DepthMap:
     def _slots(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells in the cache, their images made where missing; -1 without ground."""
         slots = self.cache.find(cells)
-        middles = self._middles(cells)
-        missing = np.flatnonzero((slots < 0) & np.isfinite(middles[:, 2]))
+        missing = np.flatnonzero(slots < 0)
+        middles = self._middles(cells[missing])
+        is_on_ground = np.isfinite(middles[:, 2])
+        missing, middles = missing[is_on_ground], middles[is_on_ground]
         for first in range(0, len(missing), BATCH):
             part = missing[first : first + BATCH]
-            features = self.likeness.depths(self._synthesizer.synthesize_many(middles[part]))
+            features = self.likeness.depths(self._synthesizer.synthesize_many(middles[first : first + BATCH]))
             slots[part] = self.cache.insert(cells[part], features)
         return slots
 
@@ -161,5 +139,23 @@ class DepthMap:
         """Return what everything that the features depend on hashes to."""
         p = self._params
         text = f"{name} {p.synthesis} {p.comparison} {self.edge:.9f} {self.camera_height:.9f} {self.camera}"
-        text += f"{self.likeness.name} {self.cache.stack.dtype}"
+        text += (
+            f"{self.likeness.name} {[(name, part.dtype, part.shape[1:]) for name, part in self.cache.stack.items()]}"
+        )
         return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+class Comparison:
+    """One visual image against the map; a place is compared once, however many particles are there (S_cache)."""
+
+    def __init__(self, visual: Visual, depth_map: DepthMap) -> None:
+        self._visual, self._map = visual, depth_map
+
+    def curves(self, positions: Array) -> NDArray[np.float32]:
+        """Return the similarities (N, A) of all headings at positions (N, 2) in m; 0 where the map has no ground."""
+        cells, place = np.unique(self._map.cells(positions), axis=0, return_inverse=True)
+        return self._map.similarities(self._visual, cells)[place.ravel()]
+
+    def survey(self, positions: Array) -> NDArray[np.float32]:
+        """Return how well the image fits at positions (N, 2), one a cell, (N, A), in its own units."""
+        return self._map.survey(self._visual, self._map.cells(positions))

@@ -56,22 +56,18 @@ def depth_gradients(range_m: Image, params: ComparisonParams) -> tuple[Image, Im
     return gradients_of(normalize_contrast(fill_unknown(image), radius, MIN_CONTRAST_M), measured)
 
 
-def depth_features_many(ranges_m: Image, params: ComparisonParams) -> Stack:
-    """Return the features of range panoramas (M, H, W) in m, in two bytes a pixel.
+def code_gradients(x: Image, y: Image, magnitudes: Image) -> Stack:
+    """Return gradients (M, H, W) of panoramas, unit directions x, y and magnitudes, in two bytes a pixel.
 
     directions (M, H, W) uint8: angle of the gradient modulo pi in steps of pi / 255; 255 where there is none.
     magnitudes (M, H, W) uint8: scale * (byte / 255)^2. scale (M,) float32.
     Directions are within 0.36 degrees, magnitudes within 1 % of the largest.
     """
-    pixels = np.uint8, ranges_m.shape[1:]
-    stack = np.empty(len(ranges_m), [("scale", np.float32), ("directions", *pixels), ("magnitudes", *pixels)])
-    for range_m, one in zip(ranges_m, stack, strict=True):
-        x, y, magnitude = depth_gradients(range_m, params)
-        codes = np.rint(np.arctan2(y, x) * np.float32(NUM_DIRECTIONS / np.pi)).astype(np.int64) % NUM_DIRECTIONS
-        one["directions"] = np.where((x == 0) & (y == 0), NO_DIRECTION, codes)
-        one["scale"] = largest = magnitude.max()
-        one["magnitudes"] = np.rint(255.0 * np.sqrt(magnitude / max(largest, np.float32(1e-30))))
-    return stack
+    angles = np.rint(np.arctan2(y, x) * np.float32(NUM_DIRECTIONS / np.pi)).astype(np.int64) % NUM_DIRECTIONS
+    scale = magnitudes.max(axis=(1, 2))
+    roots = np.sqrt(magnitudes / np.maximum(scale, np.float32(1e-30))[:, None, None])
+    directions = np.where((x == 0) & (y == 0), NO_DIRECTION, angles).astype(np.uint8)
+    return {"directions": directions, "magnitudes": np.rint(255.0 * roots).astype(np.uint8), "scale": scale}
 
 
 def gradients_of(image: Image, counted: Mask) -> tuple[Image, Image, Image]:

@@ -87,18 +87,24 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
 
 
 @njit(parallel=True, **OPTIONS)
-def correlate_codes(codes, weights):
-    """Return sum of weights (F, P) c8 times the conjugate of codes (N, F, 2 P) i1, real, then imaginary: (N, F) c8."""
-    N, F, size = codes.shape
+def correlate_codes(codes, scales, slots, weights):
+    """Return sum of weights (F, P) c8 times the conjugate of spectra in slots (M,), (M, F) c8; 0 for slot -1.
+
+    codes (N, F, 2 P) i1: real, then imaginary parts, in units of scales (N, F).
+    """
+    F, size = codes.shape[1:]
     real = np.concatenate((weights.real, weights.imag), axis=1)
     imaginary = np.concatenate((weights.imag, -weights.real), axis=1)
-    out = np.empty((N, F), np.complex64)
-    for n in prange(N):
+    out = np.zeros((len(slots), F), np.complex64)
+    for m in prange(len(slots)):
+        n = slots[m]
+        if n < 0:
+            continue
         for f in range(F):
             a, b = np.float32(0.0), np.float32(0.0)
             for i in range(size):
                 value = np.float32(codes[n, f, i])
                 a += value * real[f, i]
                 b += value * imaginary[f, i]
-            out[n, f] = complex(a, b)
+            out[m, f] = scales[n, f] * complex(a, b)
     return out

@@ -2,73 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-from mcl_depth.constants import CHANCE_SIGMA, MIN_SEEN
-from mcl_depth.likeness.comparison import compare_gradients
-from mcl_depth.likeness.depth_cache import Stack
-from mcl_depth.likeness.encoder import EncoderPair, load_encoders
-from mcl_depth.likeness.features import (
-    GradientFeatures,
-    Image,
-    Mask,
-    depth_features_many,
-    visual_features,
-)
-from mcl_depth.likeness.gradient_filter import GradientFilter
-from mcl_depth.likeness.learned import LearnedFilter, compare_learned, pack
-from mcl_depth.likeness.spectra import Curves
+from mcl_depth.likeness.gradients import Gradients
+from mcl_depth.likeness.learned import Learned, load_encoders
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 
-Visual = GradientFeatures | Image  # an image by gradients; what was learned of it (C, h, w), of length 1
+Likeness = Gradients | Learned
+Visual = Any  # what `Likeness.image` makes of an image
 
 
-@dataclass(frozen=True)
-class Likeness:
-    """One kind of features, and how they are made and compared."""
-
-    name: str  # of what is kept on disk
-    min_seen: float  # share of the panorama that an image must show
-    chance_sigma: float  # of z where a drive is not, after any number of images (docs/notes/joint_evidence.md)
-    filter: type[Any]  # of one image against every cell, `GradientFilter` or `LearnedFilter`
-    image: Callable[[Image, Mask], Any]  # level panorama (H, W), what of it is seen -> Visual
-    depths: Callable[[Image], Stack]  # range panoramas (M, H, W) in m
-    compare: Callable[..., Curves]  # Visual, stack, slots (M,), number of headings -> similarities (M, headings)
+def check_headings(params: FilterParams) -> None:
+    """Refuse a step between headings that is no whole number of columns, or does not divide a circle; ValueError."""
+    step_deg, num_columns = params.heading_step_deg, params.synthesis.num_columns
+    if num_columns % params.num_headings or abs(params.num_headings * step_deg - 360.0) > 1e-6:
+        expected = f"a divisor of 360 deg and a multiple of a column, {360.0 / num_columns:g} deg"
+        raise ValueError(f"heading_step_deg: expected {expected}, found {step_deg:g} deg")
 
 
-def check_likeness(params: FilterParams) -> EncoderPair | None:
-    """Return the encoders that the parameters ask for, None for gradients; ValueError where they do not fit."""
-    if params.likeness.kind != "learned":
-        return None
-    encoders = load_encoders()
-    if (found := params.synthesis.num_columns) != encoders.num_columns:
-        expected = f"synthesis.num_columns {encoders.num_columns}"
+def check_likeness(params: FilterParams) -> None:
+    """Refuse panoramas that the encoders were not trained for, where they are asked for; ValueError."""
+    found = params.synthesis.num_columns
+    if params.likeness.kind == "learned" and found != load_encoders().num_columns:
+        expected = f"synthesis.num_columns {load_encoders().num_columns}"
         raise ValueError(f"likeness.kind learned: expected {expected}, found {found}")
-    return encoders
 
 
 def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
     """Return the likeness of the parameters for a window of the sphere."""
-    encoders = check_likeness(params)
-    if encoders is None:
-        return Likeness(
-            name="",
-            min_seen=0.0,
-            chance_sigma=CHANCE_SIGMA[0],
-            filter=GradientFilter,
-            image=visual_features,
-            depths=lambda ranges_m: depth_features_many(ranges_m, params.comparison),
-            compare=compare_gradients,
-        )
-    return Likeness(
-        name=encoders.digest,
-        min_seen=MIN_SEEN,
-        chance_sigma=CHANCE_SIGMA[1],
-        filter=LearnedFilter,
-        image=lambda gray, is_seen: encoders.features_of_image(gray, is_seen, camera),
-        depths=lambda ranges_m: pack(encoders.features_of_depths(ranges_m, camera)),
-        compare=compare_learned,
-    )
+    check_likeness(params)
+    return Learned(camera) if params.likeness.kind == "learned" else Gradients(params.comparison)

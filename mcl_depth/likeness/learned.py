@@ -1,84 +1,164 @@
-"""The learned likeness: feature maps of two trained networks, correlated over azimuth (`encoder.py`).
+"""Likeness as it was learned: two small convolutional networks, of images and of depth images, correlated over azimuth.
 
-It takes the place of gradients and eq. 2 for whole panoramas, at each particle and in the survey of the map. All of the
-filter around it stays: joint evidence and its false-alarm rate, compass, particles.
+What an edge of depth looks like in a photograph is learned from pairs that the simulator draws
+(`benchmarks/likeness/train.py` of commit 76c5c3cb), where eq. 2 of N17 takes every gradient for one. Both networks are
+convolutions with columns that wrap around, so a turned panorama has turned features, which are alike where the two fit.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+import hashlib
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import scipy.fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
-from mcl_depth.likeness.depth_cache import Stack
-from mcl_depth.likeness.spectra import (
-    BATCH,
-    Curves,
-    Image,
-    best_around,
-    correlate,
-    curves_of,
-    encode_cells,
-    spectra_of,
+from mcl_depth.constants import (
+    CHANCE,
+    CHANCE_SIGMA,
+    ENCODED_RANGE_M,
+    IMAGE_CLIP,
+    LCN_COLUMNS,
+    MIN_CONTRAST_LEVELS,
+    MIN_SEEN,
+    NUM_FREQUENCIES,
 )
+from mcl_depth.likeness.depth_cache import Stack
+from mcl_depth.likeness.features import Image, Mask, fill_unknown, normalize_contrast
+from mcl_depth.likeness.spectra import Curves, best_around, correlate, encode, spectra_of
+from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
-ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
-
-
-def pack(features: Image) -> Stack:
-    """Return features (M, C, h, w) of depth panoramas in bytes: codes int8 in units of scale (M,)."""
-    stack = np.empty(len(features), [("scale", np.float32), ("codes", np.int8, features.shape[1:])])
-    stack["scale"] = np.maximum(np.abs(features).max(axis=(1, 2, 3)) / np.float32(127.0), np.float32(1e-12))
-    stack["codes"] = np.round(features / stack["scale"][:, None, None, None])
-    return stack
+WEIGHTS = Path(__file__).with_name("weights.npz")
 
 
-def unpack(stack: Stack) -> Image:
-    """Return the features (M, C, h, w)."""
-    features: Image = stack["codes"] * stack["scale"][:, None, None, None]
-    return features
+@dataclass(frozen=True, eq=False)
+class Encoder:
+    """A chain of convolutions, each but the last followed by max(x, 0).
 
-
-def compare_learned(visual: Image, stack: Stack, slots: NDArray[np.int64], num_alpha: int) -> Curves:
-    """Return the similarity of features (C, h, w) with those in `slots` (M,) at all headings, (M, num_alpha).
-
-    The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over
-    a step of headings, so that what lies between two of them is not missed.
-    """
-    image = spectra_of(visual, ABOVE_MEAN)  # (F, P)
-    step = 2.0 * np.pi / num_alpha
-    smooth = np.float32(0.5) * (1.0 + np.cos(np.minimum(np.array(ABOVE_MEAN) * 0.5 * step, np.pi)))
-    image *= smooth[:, None].astype(np.float32)
-    curves = np.empty((len(slots), num_alpha), np.float32)
-    width = visual.shape[-1]
-    for first in range(0, len(slots), BATCH):
-        depths = spectra_of(unpack(stack[slots[first : first + BATCH]]), ABOVE_MEAN)  # (n, F, P)
-        products = np.einsum("fp,nfp->nf", image, depths.conj(), optimize=True)
-        curves[first : first + BATCH] = curves_of(products, ABOVE_MEAN.start, 2 * num_alpha)[:, ::2]
-    return (np.float32(CHANCE) + curves / np.float32(width)).astype(np.float32)
-
-
-class LearnedFilter(NamedTuple):
-    """Spectra of N cells, ready for images.
-
-    codes (N, F, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
-    (F, P): what a code of one is.
+    table (L, 6) int64, one row a layer: inputs, outputs, rows and columns of the filter, strides over rows and columns.
+    values: weights (outputs, inputs, rows, columns), then biases (outputs,), layer by layer.
     """
 
-    codes: NDArray[np.int8]
-    scales: NDArray[np.float32]
+    table: NDArray[np.int64]
+    values: Image
 
-    @classmethod
-    def of(cls, stack: Stack, slots: NDArray[np.integer]) -> Self:
-        """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        return cls(*encode_cells(stack, slots, unpack, ABOVE_MEAN))
+    def __call__(self, inputs: Image) -> Image:
+        """Return the features (M, C, h, w) of inputs (M, n, H, W)."""
+        return np.stack([self._encode(one) for one in inputs])
 
-    def curves(self, visual: Image, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
-        """Return how well features (C, h, w) of an image fit, (N, num_headings), in units of its own.
+    def _encode(self, image: Image) -> Image:
+        """Return the features (C, h, w) of an input (n, H, W): columns wrap around, above and below it is 0."""
+        values = self.values
+        for layer, (inputs, outputs, height, width, *strides) in enumerate(self.table.tolist()):
+            weights, values = np.split(values, [outputs * inputs * height * width])
+            biases, values = np.split(values, [outputs])
+            around = np.pad(image, ((0, 0), (0, 0), (width // 2, width // 2)), "wrap")
+            around = np.pad(around, ((0, 0), (height // 2, height // 2), (0, 0)))
+            windows = sliding_window_view(around, (height, width), axis=(1, 2))[:, :: strides[0], :: strides[1]]
+            shaped = weights.reshape(outputs, inputs, height, width)
+            image = np.tensordot(shaped, windows, ((1, 2, 3), (0, 3, 4))) + biases[:, None, None]
+            image = np.maximum(image, np.float32(0.0)) if layer < len(self.table) - 1 else image
+        return image
 
-        Headings as those of eq. 2, the best within half a step of each; `rows`: of some cells only.
+
+class EncoderPair(NamedTuple):
+    """The encoders, for which panoramas they were trained, and what their weights hash to."""
+
+    image: Encoder
+    depth: Encoder
+    num_columns: int
+    digest: str
+
+
+@cache
+def load_encoders() -> EncoderPair:
+    """Return the encoders of the package."""
+    with np.load(WEIGHTS, allow_pickle=False) as file:
+        image, depth = (Encoder(file[f"{side}_table"], file[f"{side}_values"]) for side in ("image", "depth"))
+        return EncoderPair(image, depth, int(file["num_columns"]), hashlib.sha256(WEIGHTS.read_bytes()).hexdigest())
+
+
+class Learned:
+    """The likeness of whole panoramas in homes, one for each place and for all cells of a map."""
+
+    min_seen = MIN_SEEN
+    chance_sigma = CHANCE_SIGMA[1]
+
+    def __init__(self, camera: Spherical) -> None:
+        self._camera, self._encoders = camera, load_encoders()
+        self.name = self._encoders.digest
+
+    def image(self, gray: Image, is_seen: Mask) -> Image:
+        """Return the features (C, h, w) of a level panorama (H, W) of grey levels, of length 1."""
+        return normalize(self._encoders.image(image_inputs(gray, is_seen, self._camera)[None]))[0]
+
+    def depth_features(self, ranges_m: Image) -> Image:
+        """Return the features (M, C, h, w) of range panoramas (M, H, W) in m, of length 1."""
+        return normalize(self._encoders.depth(depth_inputs(ranges_m, self._camera)))
+
+    def depths(self, ranges_m: Image) -> Stack:
+        """Return their spectra in bytes."""
+        codes, scales = encode(spectra_of(self.depth_features(ranges_m)))
+        return {"codes": codes, "scales": scales}
+
+    def compare(self, visual: Image, stack: Stack, slots: NDArray[np.int64], num_headings: int) -> Curves:
+        """Return the similarity (M, num_headings) of features (C, h, w), by chance that of eq. 2."""
+        return (CHANCE + self.survey(visual, stack, slots, num_headings)).astype(np.float32)
+
+    def survey(self, visual: Image, stack: Stack, slots: NDArray[np.int64], num_headings: int) -> Curves:
+        """Return the correlation of features (C, h, w) with cells in `slots` (M,), -1 fits nothing: (M, num_headings).
+
+        Headings as those of eq. 2, the best around each.
         """
-        weights = spectra_of(visual, ABOVE_MEAN) * self.scales
-        return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings), FINENESS)
+        curves = correlate(stack["codes"], stack["scales"], slots, spectra_of(visual), num_headings)
+        return best_around(curves / np.float32(visual.shape[-1]))
+
+
+def image_inputs(gray: Image, is_seen: Mask, camera: Spherical) -> Image:
+    """Return what the encoder of images takes of a level panorama (H, W) of grey levels, (n, H, W).
+
+    Its contrast, normalized over two neighbourhoods, and the sine of the elevation; what is not seen has no contrast.
+    """
+    gray = fill_unknown(np.where(is_seen, gray, np.nan).astype(np.float32))
+    width = camera.full_width
+    parts = []
+    for share in LCN_COLUMNS:
+        contrast = normalize_contrast(gray, max(round(share * width), 1), MIN_CONTRAST_LEVELS)
+        parts.append(np.where(is_seen, np.clip(contrast, -IMAGE_CLIP, IMAGE_CLIP), np.float32(0.0)))
+    return np.stack([*parts, sine_of_elevation(camera)]).astype(np.float32)
+
+
+def depth_inputs(ranges_m: Image, camera: Spherical) -> Image:
+    """Return what the encoder of depths takes of range panoramas (M, H, W) in m, NaN unknown, (M, 4, H, W).
+
+    Logarithm and inverse of the range, 0 where it is unknown, 1 where it is known, and the sine of the elevation.
+    """
+    ranges_m = np.asarray(ranges_m, np.float32)
+    low, high = ENCODED_RANGE_M
+    is_known = ~np.isnan(ranges_m)
+    bounded = np.where(is_known, np.clip(ranges_m, low, high), np.float32(1.0))
+    elevations = np.broadcast_to(sine_of_elevation(camera), ranges_m.shape)
+    known = is_known.astype(np.float32)
+    return np.stack([known * (np.log(bounded) - np.float32(1.0)), known / bounded, known, elevations], axis=1)
+
+
+def normalize(features: Image) -> Image:
+    """Return features (M, C, h, w) less what is too fine over azimuth, and the mean of each row; of length 1 each."""
+    spectra = scipy.fft.rfft(features, axis=-1)
+    spectra[..., 0] = spectra[..., NUM_FREQUENCIES:] = 0.0
+    local = scipy.fft.irfft(spectra, features.shape[-1], axis=-1)
+    lengths = np.sqrt(np.sum(local**2, axis=(1, 2, 3), keepdims=True))
+    normalized: Image = (local / np.maximum(lengths, np.float32(1e-9))).astype(np.float32)
+    return normalized
+
+
+@lru_cache(maxsize=4)
+def sine_of_elevation(camera: Spherical) -> Image:
+    """Return the sine of the elevation of every pixel (H, W)."""
+    return np.ascontiguousarray(pixel_rays(camera)[..., 2], np.float32)

@@ -15,10 +15,9 @@ from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import limits_of
-from mcl_depth.geometry.cloud import Geometry, cloud_from_points
+from mcl_depth.geometry.cloud import Geometry, cloud_from_points, means_of
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
 from mcl_depth.geometry.geodetic import Degrees, declared_crs, degrees_of
-from mcl_depth.geometry.surfels import means_of
 from mcl_depth.geometry.survey_frame import refuse_stray
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site

@@ -10,8 +10,7 @@ from std_srvs.srv import Empty
 from mcl_depth.belief.estimate import Estimate, Observation
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.filter import Filter
-from mcl_depth.likeness.comparison import check_headings
-from mcl_depth.likeness.kinds import check_likeness
+from mcl_depth.likeness.kinds import check_headings, check_likeness
 from mcl_depth.params import MclDepthParams
 from mcl_depth.ros.clouds import NO_CLOUD, GeometryLoader
 from mcl_depth.ros.views import HomingGuide, Views
@@ -38,7 +37,7 @@ class MclDepthNode(LocalizerNode):
     def configure(self) -> None:
         """Open topics, services and the cloud."""
         p, endpoints = self.params, self.endpoints
-        check_headings(p.heading_step_deg, p.synthesis.num_columns)
+        check_headings(p)
         check_likeness(p)
         warm_up(p)
         self.filter: Filter | None = None

@@ -42,10 +42,10 @@ class Views:
         cloud, best = belief.particles, belief.best.pose
         self._particles.publish(particles_to_message(cloud.poses, cloud.weights, stamp, self._frame))
         heading = np.array([*best[:2], best_headings(belief.comparison.curves(best[None, :2]))[0]])
-        T_map_heading = level_pose(heading, filter_.map.height(best))
+        heights = [np.nan_to_num(filter_.map.height(pose)) for pose in (best, *(item.pose for item in belief.places))]
+        T_map_heading = level_pose(heading, heights[0])
         self._heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, self._frame))
-        heights = [filter_.map.height(item.pose) for item in belief.places]
-        self._hypotheses.publish(hypotheses_to_markers(belief.places, heights, stamp, self._frame))
+        self._hypotheses.publish(hypotheses_to_markers(belief.places, heights[1:], stamp, self._frame))
         depth = filter_.map.ranges_from(best) if self._depth.num_subscriptions else None
         if depth is not None:
             self._depth.publish(conversions.array_to_image(depth, stamp, self._frame, "32FC1"))

@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.pixels.pyramid import kernel_camera, kernel_motion
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import FAR_NEARNESS, MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
-from sphere_nav.view_synthesis.surface import Surface
+from sphere_nav.view_synthesis.surface import Surface, surface_of
 
 POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
 
@@ -123,3 +124,10 @@ def blend_weights(distances_m: ArrayLike) -> Array:
     weights = (1.0 - near / limit) / np.maximum(near, 1e-3 * limit)
     total = float(weights.sum())
     return weights / total if total > 0 else np.full(near.shape, 1.0 / near.size)
+
+
+def warm_up() -> None:
+    """Compile the kernels on a sphere too small to cost anything; some seconds, or nothing where the cache has them."""
+    camera = Spherical(32, 16)
+    sphere = Sphere(np.full((16, 32, 3), 9, np.uint8), np.full((16, 32), 5.0, np.float32), camera)
+    synthesize([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), camera)

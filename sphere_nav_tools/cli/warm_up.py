@@ -19,7 +19,7 @@ from sphere_mapping.acquisition.warm_up import warm_up as warm_up_acquisition
 from sphere_nav import photometric
 from sphere_nav.kernel_cache.folder import cache_folder, cache_root, remove_old
 from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
-from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
+from sphere_nav.view_synthesis.synthesis import warm_up as warm_up_view
 
 
 def warm_up_registration() -> None:

@@ -55,6 +55,7 @@ def test_a_pose_is_told_with_how_sure_it_is_and_lost_once_blind_for_longer_than_
     assert np.hypot(*error) < 0.3  # the cache's cells are 0.35 m wide
     assert abs(float(estimate.T_map_level.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
+    assert filter_._max_sigma_m == pytest.approx(0.33, abs=0.005)  # of what is told: next door begins a cell away
     blind_ns = len(POSES) * 10**9 + round(site.params.state.max_blind_s * 10**9)
     for late, state in [(0, State.TRACKING), (1, State.LOST)]:
         assert filter_.refuse(blind_ns + late, FINE).status.state is state

@@ -1,9 +1,8 @@
-"""Resampling, weights, headings, motion, hypotheses, cache and homing against what they should be in closed form."""
+"""The cache of depth images, homing, presets and what is compiled before the first image."""
 
 import numpy as np
 import pytest
 
-from mcl_depth.belief.resampling import low_variance_indices
 from mcl_depth.geometry import kernels as geometry
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness import kernels as likeness
@@ -15,24 +14,17 @@ from sphere_nav.geometry import Pinhole, Spherical
 from sphere_nav.params import build, to_mapping
 
 
-def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
-    rng = np.random.default_rng(3)
-    shares = rng.dirichlet(np.ones(20))
-    for start in (0.0, 0.4, 0.99):
-        counts = np.bincount(low_variance_indices(shares, 500, start), minlength=20)
-        assert np.all(np.abs(counts - 500 * shares) < 1.0)
-        assert counts.sum() == 500
-
-
 def features(value, count=1):
-    """Features of so many panoramas, all of one value."""
-    found = np.empty(count, [("scale", np.float32), ("magnitudes", np.uint8, (4, 8))])
-    found["scale"], found["magnitudes"] = value, value
-    return found
+    """Features of so many panoramas, all of one value: 36 bytes each."""
+    return {"scale": np.full(count, value, np.float32), "magnitudes": np.full((count, 4, 8), value, np.uint8)}
+
+
+def cache_of(num_panoramas):
+    return DepthCache(num_panoramas * 36, features(0))
 
 
 def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
-    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(3)
     for number in range(3):
         cache.insert([(number, 0)], features(number))
     cache.find([(0, 0)])
@@ -40,10 +32,21 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert (1, 0) not in cache
     assert cache.stack["scale"][cache.find([(0, 0)])[0]] == 0.0
     cache.save(tmp_path / "kept")
-    again = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    again = cache_of(3)
     again.load(tmp_path / "kept")
     assert len(again) == 3
     assert again.stack["scale"][again.find([(9, 9)])[0]] == 9.0
+
+
+def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):
+    for value in (1, 2):
+        cache = cache_of(3)
+        cache.insert([(value, 0)], features(value))
+        cache.save(tmp_path / "kept" / "a")
+    cache = cache_of(3)
+    cache.load(tmp_path / "kept" / "a")
+    assert cache.find([(1, 0), (2, 0)]).tolist() == [-1, 0]
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a"]
 
 
 def test_homing_samples_are_those_of_the_paper():
@@ -76,34 +79,35 @@ def test_waypoints_are_evenly_spaced():
     np.testing.assert_allclose(points, [[0, 0], [1.5, 0], [3, 0], [3, 1.5], [3, 3]])
 
 
-@pytest.mark.parametrize("name", ["cells", "features"])
+@pytest.mark.parametrize("name", ["cells", "scale"])
 def test_a_cache_of_another_size_or_kind_is_refused(tmp_path, name):
-    cache = DepthCache(3 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(3)
     cache.insert([(1, 2), (3, 4)], features(1, 2))
     cache.save(tmp_path / "kept")
     found = np.load(tmp_path / "kept" / f"{name}.npy")
     np.save(tmp_path / "kept" / f"{name}.npy", found[:1])
-    with pytest.raises(ValueError, match=r"kept: expected features"):
-        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
+    with pytest.raises(ValueError, match=r"kept: scale: expected"):
+        cache_of(1000).load(tmp_path / "kept")
     np.save(tmp_path / "kept" / "cells.npy", np.zeros((2, 2), np.int64))
-    np.save(tmp_path / "kept" / "features.npy", np.zeros(2, [("scale", np.float32), ("magnitudes", np.uint8, (4, 7))]))
-    with pytest.raises(ValueError, match=r"kept: expected features 2 of"):
-        DepthCache(1 << 20, features(0).dtype).load(tmp_path / "kept")
+    np.save(tmp_path / "kept" / "scale.npy", np.zeros(2, np.float32))
+    np.save(tmp_path / "kept" / "magnitudes.npy", np.zeros((2, 4, 7), np.uint8))
+    with pytest.raises(ValueError, match=r"kept: magnitudes: expected \(2, 4, 8\) of uint8, found \(2, 4, 7\)"):
+        cache_of(1000).load(tmp_path / "kept")
 
 
 def test_a_smaller_cache_takes_what_was_used_last(tmp_path):
-    cache = DepthCache(4 * features(0).nbytes, features(0).dtype)
+    cache = cache_of(4)
     for number in range(4):
         cache.insert([(number, -number)], features(number))
     cache.find([(0, 0)])
     cache.save(tmp_path / "kept")
-    small = DepthCache(2 * features(0).nbytes + 5, features(0).dtype)
+    small = DepthCache(2 * 36 + 5, features(0))
     small.load(tmp_path / "kept")
     assert len(small) == 2
     slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
     assert (slots >= 0).tolist() == [True, True, False, False]
     assert small.stack["scale"][slots[:2]].tolist() == [3.0, 0.0]
-    assert DepthCache(1, features(0).dtype).capacity == 1
+    assert DepthCache(1, features(0)).capacity == 1
     small.load(tmp_path / "none")
     assert len(small) == 2
 

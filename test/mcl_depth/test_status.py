@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.evidence import Proof
-from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import MclStateParams
 from mcl_depth.status import REMEDIES, BeliefVerdict, count, judge_belief
@@ -15,7 +15,7 @@ from sphere_nav.localization.status import Reason, State, StateMachine, Verdict
 LOST_IMAGES = 6
 
 P = MclStateParams(probation_images=2)
-SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, poses=np.array([[9.0, 9.0, 0.0]]), tolerance_m=1.0)
+SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, poses=np.array([[9.0, 9.0, 0.0]]))
 HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
 CAREFUL, BAD = BeliefVerdict(Verdict(Reason.ODOM_STALE)), BeliefVerdict(Verdict(Reason.AMBIGUOUS), is_bad=True)
@@ -26,33 +26,38 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
     return Hypothesis(np.zeros(3), covariance, weight)
 
 
+def judge(best, proof, step):
+    """As in a home: cells have edges of 0.354 m."""
+    return judge_belief(best, proof, step, max_chance=1e-3, max_sigma_m=0.33)
+
+
 def test_a_belief_is_judged():
-    for hypotheses, proof, step, reason, is_bad in [
-        ([place(0.5), place(0.3)], SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
-        ([place()], CHANCE, DRIVEN, Reason.OUTLIERS, True),
-        ([place()], HELD, DRIVEN, Reason.NONE, False),
-        ([place()], ELSEWHERE, DRIVEN, Reason.AMBIGUOUS, True),
-        ([place()], SURE, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
-        ([place()], SURE, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, False),
-        ([place()], Proof(0.6, is_held=True), Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.OUTLIERS, True),
+    for best, proof, step, reason, is_bad in [
+        (place(0.5), SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
+        (place(), CHANCE, DRIVEN, Reason.OUTLIERS, True),
+        (place(), HELD, DRIVEN, Reason.NONE, False),
+        (place(), ELSEWHERE, DRIVEN, Reason.AMBIGUOUS, True),
+        (place(), SURE, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
+        (place(), SURE, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, False),
+        (place(), Proof(0.6, is_held=True), Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.OUTLIERS, True),
     ]:
-        verdict = judge_belief(hypotheses, proof, step, 1e-3)
+        verdict = judge(best, proof, step)
         assert verdict.finding.reason in REMEDIES
         assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
 
 
 def test_two_places_that_are_alike_are_named():
     poses = np.array([[1.0, 2.0, 0.0], [4.0, -2.0, np.pi / 2], [9.0, 9.0, 0.0]])
-    proof = Proof(0.3, poses=poses, shares=np.array([0.5, 0.4, 0.1]), tolerance_m=1.0, is_in_map=True)
-    finding = judge_belief([place()], proof, DRIVEN, 1e-3).finding
+    proof = Proof(0.3, poses=poses, shares=np.array([0.5, 0.4, 0.1]), is_in_map=True)
+    finding = judge(place(), proof, DRIVEN).finding
     assert finding.reason == Reason.AMBIGUOUS
     assert finding.remedy(REMEDIES).startswith("1.0, 2.0 at 0 deg or 4.0, -2.0 at 90 deg; two places look alike")
 
 
 @pytest.mark.parametrize(("count", "num_images"), [(1, 2), (0, 1)])
 def test_an_image_counts_for_two_where_the_map_was_searched(count, num_images):
-    proof = Proof(0.9e-3, poses=np.zeros((count, 3)), tolerance_m=1.0)
-    assert judge_belief([place()], proof, DRIVEN, 1e-3).num_images == num_images
+    proof = Proof(0.9e-3, poses=np.zeros((count, 3)))
+    assert judge(place(), proof, DRIVEN).num_images == num_images
 
 
 def searching() -> StateMachine:
@@ -89,20 +94,18 @@ def test_trust_is_lowered_by_care_and_lost_by_bad_images_in_a_row():
 
 
 def test_each_limit_has_two_sides():
-    for hypotheses, proof, reason, is_bad in [
-        ([place(0.799)], SURE, Reason.NO_CONVERGENCE, True),
-        ([place(0.801)], SURE, Reason.NONE, False),
-        ([place(sigma_m=0.61)], SURE, Reason.NO_CONVERGENCE, True),
-        ([place(sigma_m=0.59)], SURE, Reason.NO_CONVERGENCE, False),  # trusted with care
-        ([place(sigma_m=0.41)], SURE, Reason.NO_CONVERGENCE, False),
-        ([place(sigma_m=0.39)], SURE, Reason.NONE, False),
-        ([place(sigma_rad=np.radians(15.1))], SURE, Reason.NO_CONVERGENCE, True),
-        ([place(sigma_rad=np.radians(14.9))], SURE, Reason.NONE, False),
-        ([place()], Proof(1.01e-3), Reason.OUTLIERS, True),
-        ([place()], Proof(1e-3), Reason.OUTLIERS, True),
-        ([place()], Proof(0.99e-3), Reason.NONE, False),
-        ([place()], Proof(0.5, is_held=True), Reason.OUTLIERS, True),
-        ([place()], Proof(0.49, is_held=True), Reason.NONE, False),
+    for best, proof, reason, is_bad in [
+        (place(0.799), SURE, Reason.NO_CONVERGENCE, True),
+        (place(0.801), SURE, Reason.NONE, False),
+        (place(sigma_m=0.331), SURE, Reason.NO_CONVERGENCE, True),
+        (place(sigma_m=0.329), SURE, Reason.NONE, False),
+        (place(sigma_rad=np.radians(15.1)), SURE, Reason.NO_CONVERGENCE, True),
+        (place(sigma_rad=np.radians(14.9)), SURE, Reason.NONE, False),
+        (place(), Proof(1.01e-3), Reason.OUTLIERS, True),
+        (place(), Proof(1e-3), Reason.OUTLIERS, True),
+        (place(), Proof(0.99e-3), Reason.NONE, False),
+        (place(), Proof(0.5, is_held=True), Reason.OUTLIERS, True),
+        (place(), Proof(0.49, is_held=True), Reason.NONE, False),
     ]:
-        verdict = judge_belief(hypotheses, proof, DRIVEN, 1e-3)
+        verdict = judge(best, proof, DRIVEN)
         assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.estimate import Hypothesis, Observation
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import Spherical
+from sphere_nav.localization.status import State
 
 CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9)
 
@@ -51,6 +51,13 @@ def test_wheels_that_drift_stay_within_what_is_told():
 def test_an_image_is_new_after_a_way_or_a_turn_of_three_degrees(way, turn_deg, is_near):
     image = observe(1.0 - 0.6 * way, 1.0 + 0.8 * way, -np.radians(turn_deg))
     assert reckoning().is_near(image, is_sure=True) == is_near
+
+
+def test_a_pose_that_was_too_vague_stays_so_until_its_place_is_tracked():
+    found, exact = reckoning(), np.diag([0.02, 0.02, 1.0]) ** 2
+    wide = np.array([[0.06, 0.06, 0.0], [0.06, 0.06, 0.0], [0.0, 0.0, 0.0]])  # 0.35 m across
+    asked = [(exact, State.DEGRADED), (wide, State.DEGRADED), (exact, State.DEGRADED), (exact, State.TRACKING)]
+    assert [found.is_vague(one, 0.33, state) for one, state in asked] == [False, True, True, False]
 
 
 def test_a_standstill_by_odometry_alone_is_looked_at_at_first_and_once_a_second():

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_of_place
+from mcl_depth.belief.evidence import Evidence, Proof, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
+from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
-from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
 
@@ -45,14 +45,15 @@ class Images:
     """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
 
     def __init__(self, grid, seed, pose=None, signal=0.0):
+        self._positions = grid.positions
         self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
         if pose is not None:
             nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
             heading = round(pose[2] / (2 * np.pi) * NUM_HEADINGS) % NUM_HEADINGS
             self._curves[nearest, heading] += 0.02 * signal
 
-    def survey(self, rows=None):
-        return self._curves[slice(None) if rows is None else rows].astype(np.float32)
+    def survey(self, positions):
+        return self._curves[cKDTree(self._positions).query(positions)[1]].astype(np.float32)
 
 
 def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
@@ -99,7 +100,7 @@ def test_images_of_another_place_are_chance():
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
-    assert survey.tolerance_m == 1.0  # two cells
+    np.testing.assert_allclose(survey.sigmas, [0.3, 0.3, np.radians(5.0)])  # no less than half a cell
     assert min(found) > 1e-3  # of what is there by chance
     assert max(found) > 0.3
 
@@ -111,6 +112,14 @@ def test_a_large_map_says_itself_what_chance_reaches(monkeypatch, side, is_chanc
     grid = grid_of(side)
     proof = Evidence(grid, RATE, SIGMA).survey(Images(grid, 5), np.zeros(3))
     assert (proof.p_chance > RATE, proof.is_proven) == (is_chance, not is_chance)
+
+
+def test_a_belief_agrees_with_the_best_place_within_what_chance_exceeds_once_in_a_thousand():
+    """Of three degrees of freedom: 4.03 deviations."""
+    proof = Proof(1e-5, poses=np.array([[4.0, 3.0, 3.1]]))
+    for off, agrees in [((1.2, 0.0, 0.0), True), ((0.0, 1.22, 0.0), False), ((0.0, 0.0, np.radians(20.0)), True)]:
+        assert proof.agrees_with(proof.poses[0] + off) == agrees
+    assert not proof.agrees_with(np.array([4.0, 3.0, 3.1 - np.radians(21.0)]))
 
 
 def sum_of(joint, field, odometry):
@@ -242,17 +251,19 @@ def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     assert (lost.is_held, lost.p_chance > 0.1) == (False, True)
 
 
-@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [30.0, 30.0, 0.0]])
-def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
-    grid = grid_of()
-    rows = grid.rows_around(np.array(pose), 5)
-    middle = np.floor(np.array(pose[:2]) / EDGE)
-    for offset in np.ndindex(11, 11):
-        position = (middle + np.array(offset) - 5 + 0.5) * EDGE
-        is_inside = np.all((position > 0) & (position < SIDE * EDGE))
-        row = rows[offset]
-        assert (row >= 0) == is_inside
-        if is_inside:
-            np.testing.assert_allclose(grid.positions[row], position)
-    proof = Evidence(grid, RATE, SIGMA).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
+@pytest.mark.parametrize(
+    ("pose", "num_cells"), [([0.1, 0.1, 0.0], 64), ([9.6, 9.6, 0.0], 225), ([20.4, 9.6, 0.0], 105)]
+)
+def test_a_place_is_watched_by_the_cells_around_it_that_are_there(pose, num_cells):
+    """Of 0.5 m, within 3.75 m either way; one that is 0.4 m off the map still has a cell beside it."""
+    grid, asked = grid_of(), []
+    images = Images(grid, 3)
+    watched = SimpleNamespace(survey=lambda positions: asked.append(len(positions)) or images.survey(positions))
+    proof = Evidence(grid, RATE, SIGMA).prove(watched, np.array(pose), seen(), is_held=True)
+    assert asked == [num_cells]
     assert 0.0 <= proof.p_chance < 0.5
+
+
+def test_a_place_off_the_map_is_not_watched():
+    proof = Evidence(grid_of(), RATE, SIGMA).prove(None, np.array([30.0, 30.0, 0.0]), seen(), is_held=True)
+    assert proof.p_chance == pytest.approx(RATE)

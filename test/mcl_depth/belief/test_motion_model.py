@@ -44,9 +44,9 @@ def test_sampled_motions_scatter_as_their_deviations_say_in_the_axes_of_the_pose
 
 def test_the_deviations_grow_with_the_way_and_the_turn():
     step = odometry_step(np.array([1.6, -1.2, -0.8]), 2.0, PARAMS)
-    along, across = np.hypot(0.1 * 2.0, 0.02), np.hypot(0.6 * 0.1 * 2.0, 0.02)
-    turn = np.sqrt((0.05 * 0.8) ** 2 + np.radians(3.0) ** 2 * 2.0 + np.radians(0.5) ** 2)
-    np.testing.assert_allclose(step.sigmas, [along, across, turn])
+    position = np.hypot(0.1 * 2.0, 0.02)
+    turn = np.sqrt((0.1 * 0.8) ** 2 + np.radians(3.0) ** 2 * 2.0 + np.radians(0.5) ** 2)
+    np.testing.assert_allclose(step.sigmas, [position, position, turn])
     assert (step.is_known, step.jump) == (True, 0.0)
 
 

@@ -10,33 +10,35 @@ from mcl_depth.belief.watch import PlaceTest, excess
 RATE, NUM_HEADINGS, SIDE = 1e-3, 36, 11
 
 
-def patch_of(seed, heading=None, height=0.0):
-    patch = np.random.default_rng(seed).normal(0.0, 1.0, (NUM_HEADINGS, SIDE, SIDE)).astype(np.float32)
+NEAR = np.all(np.abs(np.indices((SIDE, SIDE)) - SIDE // 2) <= 1, axis=0).ravel()  # three by three cells
+
+
+def curves_of(seed, heading=None, height=0.0):
+    curves = np.random.default_rng(seed).normal(0.0, 1.0, (NUM_HEADINGS, SIDE**2)).T.astype(np.float32)
     if heading is not None:
-        patch[heading, SIDE // 2, SIDE // 2] += height
-    return patch
+        curves[SIDE**2 // 2, heading] += height
+    return curves
 
 
 def test_a_random_place_stands_out_by_a_standard_deviation_about_zero():
-    found = np.array([excess(patch_of(seed), seed % NUM_HEADINGS) for seed in range(600)])
+    found = np.array([excess(curves_of(seed), NEAR, seed % NUM_HEADINGS) for seed in range(600)])
     assert found.mean() == pytest.approx(0.0, abs=0.2)
     assert found.std() == pytest.approx(1.0, abs=0.25)
 
 
 def test_what_stands_out_at_the_heading_is_found_beside_cells_that_are_missing():
-    patch = patch_of(1, 35, 9.0)
-    assert excess(patch, 35) > 5.0
-    assert excess(patch, 0) > 5.0  # the next heading, across the seam
-    assert abs(excess(patch, 12)) < 3.0
-    patch[:, :4] = np.nan
-    assert excess(patch, 35) > 5.0
+    curves = curves_of(1, 35, 9.0)
+    assert excess(curves, NEAR, 35) > 5.0
+    assert excess(curves, NEAR, 0) > 5.0  # the next heading, across the seam
+    assert abs(excess(curves, NEAR, 12)) < 3.0
+    assert excess(curves[40:], NEAR[40:], 35) > 5.0
 
 
 def test_a_street_that_looks_alike_all_along_proves_no_place():
-    patch = patch_of(2)
-    raised = patch.copy()
-    raised[7] += 30.0
-    assert excess(raised, 7) == pytest.approx(excess(patch, 7), abs=1e-3)
+    curves = curves_of(2)
+    raised = curves.copy()
+    raised[:, 7] += 30.0
+    assert excess(raised, NEAR, 7) == pytest.approx(excess(curves, NEAR, 7), abs=1e-3)
 
 
 def test_a_right_place_is_refused_less_often_than_the_rate():

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import numpy as np
 import pytest
 
 from mcl_depth.belief.particles import best_headings
-from mcl_depth.likeness.comparison import check_headings, compare_gradients
-from mcl_depth.likeness.features import depth_features_many, visual_features
+from mcl_depth.likeness.features import visual_features
+from mcl_depth.likeness.gradients import Gradients
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import depth_features
 
@@ -38,10 +36,12 @@ def normalized(G: np.ndarray) -> np.ndarray:
     return G / np.linalg.norm(G, axis=-1).sum()
 
 
-def similarity(visual, range_m, num_alpha):
-    """Eq. 2 (num_alpha,) with one panorama of two."""
-    stack = depth_features_many(np.stack([np.ones_like(range_m), range_m]), PARAMS)
-    return compare_gradients(visual, stack, np.array([1]), num_alpha)[0]
+def similarity(visual, range_m, num_headings):
+    """Eq. 2 (num_headings,) with one panorama of two."""
+    likeness = Gradients(PARAMS)
+    return likeness.compare(
+        visual, likeness.depths(np.stack([np.ones_like(range_m), range_m])), np.array([1]), num_headings
+    )[0]
 
 
 @pytest.fixture
@@ -106,13 +106,6 @@ def local_contrast(range_m, k):
     return (range_m - means) / sigmas
 
 
-def test_a_heading_is_a_whole_number_of_columns() -> None:
-    for step, columns, is_fine in [(10.0, 72, True), (10.0, 54, False)]:
-        refusal = pytest.raises(ValueError, match=r"a multiple of a column, 6\.66667 deg, found 10 deg")
-        with nullcontext() if is_fine else refusal:
-            check_headings(step, columns)
-
-
 def around(mask: np.ndarray, combine) -> np.ndarray:
     """What `combine` says of the 3 x 3 around every pixel of (H, W); columns wrap, the outer rows repeat."""
     padded = np.pad(np.pad(mask, ((1, 1), (0, 0)), "edge"), ((0, 0), (1, 1)), "wrap")
@@ -137,5 +130,5 @@ def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
     expected = np.where(measured, everywhere.magnitude, 0.0)
     assert np.allclose(found.magnitude, expected / expected.sum(), rtol=1e-4)
     assert np.array_equal(found.x[measured], everywhere.x[measured])
-    coded = depth_features_many(range_m[None], ComparisonParams(is_measured_only=True))
+    coded = Gradients(ComparisonParams(is_measured_only=True)).depths(range_m[None])
     assert not coded["magnitudes"][0][~measured].any()

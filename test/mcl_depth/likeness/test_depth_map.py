@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
-from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.depth_map import Comparison, DepthMap
 from mcl_depth.likeness.features import visual_features
-from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
 CAMERA = panorama_window(SynthesisParams(num_columns=72))
-HEADINGS = 36
 
 
 class Synthesizer:
@@ -55,56 +52,43 @@ def test_a_position_is_at_most_max_distance_from_its_depth_image():
     assert depth_map.ranges_from(np.array([9.0, 0.0, 0.0])) is None
 
 
-def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
+def test_what_was_made_once_comes_back_from_disk_and_is_refused_if_it_is_damaged(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     curves = []
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        depth_map.prepare(places)
-        curves.append(depth_map.survey.curves(visual, HEADINGS))
+        curves.append(Comparison(visual, depth_map).survey(places))
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    depth_map.prepare(places[:20])
-    assert len(depth_map.survey.curves(visual, HEADINGS)) == 20
-    for part in tmp_path.glob("*_*/codes.npy"):
+    for part in tmp_path.glob("*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].prepare(places)
+        made(folder=str(tmp_path))
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
     (_, first), middle = made(folder=str(tmp_path)), np.array([[0, 0]])
-    expected = first.similarities(visual, middle, HEADINGS)
-    first.save()
+    first.fill(np.array([[0.1, 0.1]]))
+    expected = first.similarities(visual, middle)
     synthesizer, again = made(folder=str(tmp_path))
-    np.testing.assert_array_equal(again.similarities(visual, middle, HEADINGS), expected)
+    np.testing.assert_array_equal(again.similarities(visual, middle), expected)
     assert synthesizer.asked == []
     other, differs = made(folder=str(tmp_path), max_distance=0.5)
-    differs.similarities(visual, middle, HEADINGS)
+    differs.similarities(visual, middle)
     assert len(other.asked) == 1
 
 
 def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     _, depth_map = made()
     places = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 2))
-    wanted = depth_map.similarities(visual, depth_map.cells(places), HEADINGS)
+    wanted = depth_map.similarities(visual, depth_map.cells(places))
     compared: list[int] = []
 
-    def similarities(visual, cells, num_headings):
+    def similarities(visual, cells):
         compared.append(len(cells))
-        return DepthMap.similarities(depth_map, visual, cells, num_headings)
+        return DepthMap.similarities(depth_map, visual, cells)
 
     depth_map.similarities = similarities
-    np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).curves(places), wanted)
+    np.testing.assert_array_equal(Comparison(visual, depth_map).curves(places), wanted)
     assert compared == [len(np.unique(depth_map.cells(places), axis=0))]
-
-
-def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):
-    for value in (1, 2):
-        save_arrays(tmp_path / "kept" / "a", {"numbers": np.full(3, value), "width": np.array(7)})
-    numbers, width = load_arrays(tmp_path / "kept" / "a", ("numbers", "width"))
-    np.testing.assert_array_equal(numbers, 2)
-    assert int(width) == 7
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a"]
-    assert load_arrays(tmp_path / "kept" / "b", ("numbers",)) is None

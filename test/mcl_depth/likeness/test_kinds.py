@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
+from mcl_depth.likeness.kinds import check_headings
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
@@ -25,6 +28,13 @@ def site():
 def observe(site, pose, number):
     image, camera = picture(site, pose), site.depth_map.camera
     return Observation(image, camera, (number + 1) * 10**9, np.eye(3), np.array(pose))
+
+
+def test_a_heading_is_a_whole_number_of_columns():
+    for columns, is_fine in [(72, True), (54, False)]:
+        refusal = pytest.raises(ValueError, match=r"a multiple of a column, 6\.66667 deg, found 10 deg")
+        with nullcontext() if is_fine else refusal:
+            check_headings(build(FilterParams, {"heading_step_deg": 10.0, "synthesis.num_columns": columns}))
 
 
 def test_what_was_learned_deviates_more_by_chance(site):

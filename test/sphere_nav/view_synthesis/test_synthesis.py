@@ -4,8 +4,9 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, _colors_at, blend_weights, synthesize
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, _colors_at, blend_weights, synthesize, warm_up
 from worlds.room import optical
 
 SPHERE = Spherical(512, 256)
@@ -127,3 +128,8 @@ def test_colors_are_read_between_pixels_and_around_a_whole_sphere(rng):
         )
         # OpenCV reads at steps of 1/32 px
         np.testing.assert_allclose(found, (1 - dv) * upper + dv * lower, atol=2 * 255 / 64 + 1)
+
+
+def test_every_kernel_is_compiled_before_the_first_view():
+    warm_up()
+    assert all(kernel.signatures for kernel in (kernels.project_corners, kernels.draw_quads))

@@ -1,12 +1,17 @@
-"""How the joint evidence moves and where it is highest, against the same written otherwise."""
+"""Which cells of a map are compared; how the joint evidence moves and where it is highest, written otherwise."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from scipy.ndimage import maximum_filter
 
 from mcl_depth.belief.evidence import find_maxima
-from mcl_depth.belief.joint_evidence import relax, shift_headings
+from mcl_depth.belief.joint_evidence import SurveyGrid, relax, shift_headings
+
+EDGE = 0.5
 
 
 def field_of(seed):
@@ -41,3 +46,28 @@ def test_maxima_exceed_all_within_two_cells_and_headings_of_the_map():
         near = mask[max(x - 2, 0) : x + 3, max(y - 2, 0) : y + 3]
         assert mask[x, y]
         assert around[:, near].max() == field[a, x, y]
+
+
+def depth_map(capacity=10**6):
+    def cells(places):
+        return np.floor(np.asarray(places) / EDGE).astype(np.int64)
+
+    return SimpleNamespace(edge=EDGE, cells=cells, cache=SimpleNamespace(capacity=capacity))
+
+
+def l_shape():
+    """Middles of cells of an L around the origin: 12 x 4 and 3 x 8 cells."""
+    cells = {(x, y) for x in range(-4, 8) for y in range(-3, 1)} | {(x, y) for x in range(-4, -1) for y in range(8)}
+    return (np.array(sorted(cells)) + 0.5) * EDGE
+
+
+def test_no_more_cells_than_four_fifths_of_the_cache():
+    for spare, is_coarser in [(0, False), (-1, True), (-60, True)]:
+        middles = l_shape()
+        capacity = int(np.ceil(len(middles) / 0.8)) + spare
+        grid = SurveyGrid(depth_map(capacity), middles)
+        assert (grid.edge > EDGE) == is_coarser
+        assert len(grid.positions) <= 0.8 * capacity
+        off = np.min(np.linalg.norm(middles[None] - grid.positions[:, None], axis=2), axis=1)
+        assert off.max() < 1e-9  # what is compared is a cell of the map
+        assert grid.diagonal == pytest.approx(np.sqrt(2) * EDGE)
