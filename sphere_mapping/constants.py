@@ -52,9 +52,12 @@ MAX_SEEDS = 20  # joins whose word is compared with that of all others
 MERGE_REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
 MERGE_SPACING = 0.75  # the same of the distance from that one to the next on its drive: the map keeps its density
 
-# Optimization (test_optimum)
+# Optimization (test_incremental, test_optimum)
 ANCHOR_SIGMA = 1e-6  # m and rad: anchors stay where they are
 ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
+LARGE = 300  # key spheres from which on iSAM2 pays
+RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearized anew
+LOOP_STEPS = 10  # of iSAM2 after a loop; it ends by itself before
 DESCENT_TOLERANCE = 1e-8  # of the error, between two steps; GTSAM's 1e-5 stops before a slow descent is done
 
 # Which way is up at the first sphere (../test_level). Gravity by an IMU: a cheap one is off by 0.1 m/s^2, 0.6 deg.

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sphere_mapping.graph import keyframes
+from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.keyframes import MapUpdate, Track
 from sphere_mapping.graph.loop_closure import Kept, LoopCloser
 from sphere_mapping.graph.optimum import optimize_map
@@ -21,7 +22,7 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
@@ -46,7 +47,7 @@ class Mapper:
     def _begin(self) -> None:
         self.graph, self.tracks, self._tracker = SphereGraph(), list[Track](), SphereTracker(self.params)
         self._features.clear()
-        self._loops = LoopCloser(self.params, self.load_sphere, self._features)
+        self._loops, self._optimum = LoopCloser(self.params, self.load_sphere, self._features), IncrementalOptimum()
         self._unroll_newest: Unroll | None = None  # the newest key sphere, until it is known how the camera moved on
         self._lost: Given | None = None
 
@@ -86,8 +87,9 @@ class Mapper:
     def close_loops(self, run: Run = map) -> int:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
         loops = self._loops.find_all(self.graph, run)
-        if loops:
-            self._correct(loops)
+        if loops or self._optimum.is_used:
+            self._correct(optimize_map(self.graph.with_edges(loops)))
+            self._optimum = IncrementalOptimum()
         return len(loops)
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
@@ -140,11 +142,10 @@ class Mapper:
         self._unroll_newest = None
         newest_id, newest = self._tracker.references[0]
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, newest, newest_id)):
-            self._correct([loop])
+            self._correct(self._optimum.with_loop(self.graph, loop))
 
-    def _correct(self, loops: list[Edge]) -> None:
+    def _correct(self, corrected: SphereGraph) -> None:
         """Go on with the graph with more loops, where everything is where all edges fit best."""
-        corrected = optimize_map(self.graph.with_edges(loops))
         self._tracker.follow(self.graph, corrected)
-        self.num_loops += len(loops)
+        self.num_loops += len(corrected.edges) - len(self.graph.edges)
         self.graph = corrected

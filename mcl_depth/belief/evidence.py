@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
-from sphere_nav.estimation.gates import gate
 
 from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
@@ -45,6 +44,7 @@ from mcl_depth.constants import (
     TAIL,
 )
 from mcl_depth.likeness.depth_map import Comparison
+from sphere_nav.estimation.least_squares import gate
 from sphere_nav.geometry.arrays import TINY, Array
 
 

@@ -40,9 +40,7 @@ def optimize_map(graph: SphereGraph) -> SphereGraph:
     row = {node.id: number for number, node in enumerate(graph)}
     edges, anchors = factors_of(graph.edges, row), anchors_of(graph)
     anchored = gtsam.NonlinearFactorGraph(edges)
-    held = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
-    for node in anchors:
-        anchored.add(gtsam.PriorFactorPose3(row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), held))
+    hold(anchored, anchors, row)
     best = descend(anchored, edges, lambda: gtsam.InitializePose3.initialize(anchored))
     if best is None or not fits(best.chi2, len(graph.edges) - len(graph) + len(anchors)):
         given = descend(anchored, edges, lambda: values_of(graph, row))
@@ -99,6 +97,13 @@ def factors_of(edges: Iterable[Edge], row: Mapping[int, int]) -> gtsam.Nonlinear
         noise = gtsam.noiseModel.Robust.Create(huber, noise) if edge.is_loop else noise
         factors.add(gtsam.BetweenFactorPose3(row[edge.a], row[edge.b], gtsam.Pose3(edge.T_a_b.matrix), noise))
     return factors
+
+
+def hold(factors: gtsam.NonlinearFactorGraph, nodes: Iterable[KeySphere], row: Mapping[int, int]) -> None:
+    """Add what holds key spheres where they are."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
+    for node in nodes:
+        factors.add(gtsam.PriorFactorPose3(row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), noise))
 
 
 def values_of(nodes: Iterable[KeySphere], row: Mapping[int, int]) -> gtsam.Values:
