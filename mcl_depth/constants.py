@@ -35,8 +35,8 @@ MAX_HYPOTHESES = 5  # places that are told
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-MAX_SIGMA_CELLS = 0.93  # standard deviation of a trusted position, by a cell's edge: 0.33 m in a home, 0.66 m outdoors
-MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
+MAX_SIGMA_M, MAX_SIGMA_RAD = 0.6, float(np.radians(15.0))  # standard deviations of a trusted position and heading
+MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
@@ -89,7 +89,7 @@ FAR_M = 100.0  # range given to what is far
 MIN_GRADIENT = 1e-4  # Sobel sums below this are rounding noise
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 
-# Learned likeness (likeness/test_encoder): what the networks were trained with (train.py of 76c5c3cb)
+# Learned likeness (likeness/test_learned): what the networks were trained with (train.py of 76c5c3cb)
 LCN_COLUMNS = 1 / 36, 1 / 9  # radii of the contrast normalisation by the width of a panorama: 10 and 40 degrees
 MIN_CONTRAST_LEVELS = 2.0  # smallest standard deviation that grey levels are divided by
 IMAGE_CLIP = np.float32(4.0)  # of the contrast

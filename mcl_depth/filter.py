@@ -12,14 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import (
-    Belief,
-    Estimate,
-    Observation,
-    find_hypotheses,
-    level_pose,
-    pose_covariance,
-)
+from mcl_depth.belief.estimate import Belief, Estimate, Observation, find_hypotheses, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
 from mcl_depth.belief.joint_evidence import SurveyGrid
@@ -41,8 +34,7 @@ from mcl_depth.params import FilterParams
 from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization import FINE, InputCheck, State, StateMachine, Status, Verdict
-from sphere_nav.localization.status import status_of
+from sphere_nav.localization import FINE, InputCheck, State, StateMachine, Status, Verdict, status_of
 
 
 class Filter:
@@ -50,7 +42,7 @@ class Filter:
 
     def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area, grid: SurveyGrid) -> None:
         self.params, self.map, self.area = params, depth_map, area
-        self._max_sigma_m = MAX_SIGMA_CELLS * depth_map.edge  # of a pose that is trusted
+        self._max_sigma_m = MAX_SIGMA_CELLS * depth_map.edge  # of a pose that leaves
         self._input = InputCheck(params.input)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, params.motion)
@@ -125,8 +117,7 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
-        limits = {"max_chance": p.state.max_chance, "max_sigma_m": self._max_sigma_m}
-        verdict = judge_belief(hypotheses[0], proof, seen.step, **limits).beside(seen)
+        verdict = judge_belief(hypotheses[0], proof, seen.step, p.state.max_chance).beside(seen)
         count(self._states, verdict, observation.stamp_ns)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
@@ -155,6 +146,5 @@ class Filter:
         self.evidence.reset(is_given=is_given)
 
     def _status(self, stamp_ns: int, finding: Verdict, state: State | None = None) -> Status:
-        reckoning = self._reckoning
-        words = state or self._states.state, stamp_ns, finding, REMEDIES
-        return status_of(*words, quality=reckoning.quality, p_chance=self._p_chance, age=reckoning.age(stamp_ns))
+        words, place = (state or self._states.state, stamp_ns, finding, REMEDIES), self._reckoning
+        return status_of(*words, quality=place.quality, p_chance=self._p_chance, age=place.age(stamp_ns))

@@ -10,7 +10,7 @@ from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
-from mcl_depth.constants import EVEN_ODDS, LOST_IMAGES, MAX_SIGMA_RAD, MIN_WEIGHT
+from mcl_depth.constants import EVEN_ODDS, LOST_IMAGES, MAX_SIGMA_M, MAX_SIGMA_RAD, MIN_WEIGHT
 from sphere_nav.localization.constants import PROVEN_IMAGES
 from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, StateMachine, Verdict
 
@@ -43,12 +43,12 @@ class BeliefVerdict:
         return self if seen.finding is FINE else BeliefVerdict(seen.finding)
 
 
-def judge_belief(best: Hypothesis, proof: Proof, step: Step, *, max_chance: float, max_sigma_m: float) -> BeliefVerdict:
+def judge_belief(best: Hypothesis, proof: Proof, step: Step, max_chance: float) -> BeliefVerdict:
     """Judge the belief after an image, by its likeliest place.
 
     Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.
     """
-    verdict = _judge_belief(best, proof, max_chance, max_sigma_m)
+    verdict = _judge_belief(best, proof, max_chance)
     is_unproven = verdict.finding.reason == Reason.OUTLIERS and not proof.is_held
     if not is_unproven and verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
         return verdict
@@ -57,7 +57,7 @@ def judge_belief(best: Hypothesis, proof: Proof, step: Step, *, max_chance: floa
     return verdict if step.is_known else BeliefVerdict(Verdict(Reason.ODOM_STALE), verdict.is_bad)
 
 
-def _judge_belief(best: Hypothesis, proof: Proof, max_chance: float, max_sigma_m: float) -> BeliefVerdict:
+def _judge_belief(best: Hypothesis, proof: Proof, max_chance: float) -> BeliefVerdict:
     limit = EVEN_ODDS if proof.is_held else max_chance
     alike = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in proof.alike())
     another, chance = "another place fits the last images better", "probability that the place is chance"
@@ -65,7 +65,7 @@ def _judge_belief(best: Hypothesis, proof: Proof, max_chance: float, max_sigma_m
     faults = {
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, alike): proof.is_in_map,
         Verdict(spread, best.weight, MIN_WEIGHT, "belief in one place"): best.weight < MIN_WEIGHT,
-        Verdict(spread, best.sigma_m, max_sigma_m, "spread in m"): best.sigma_m > max_sigma_m,
+        Verdict(spread, best.sigma_m, MAX_SIGMA_M, "spread in m"): best.sigma_m > MAX_SIGMA_M,
         Verdict(spread, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"): best.sigma_rad > MAX_SIGMA_RAD,
         Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, another): not proof.agrees_with(best.pose),
         Verdict(Reason.OUTLIERS, proof.p_chance, limit, chance): proof.p_chance >= limit,

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
-from sphere_mapping.graph.keyframes import MapUpdate, Track
+from sphere_mapping.graph.keyframes import FIRST, NOT_YET, MapUpdate, Track
 from sphere_mapping.graph.loop_closure import Kept, LoopCloser
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
@@ -55,7 +54,7 @@ class Mapper:
         """Map one sphere; `odometry` is its T_odom_sphere; `unroll` makes that of a rolling shutter by its velocity."""
         current = PreparedSphere(sphere)
         if self._tracker.last is None:
-            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST, unroll)
+            return self._update(current, self.T_map_first, odometry, None, FIRST, unroll)
         if self._unroll_newest is not None:
             moves = odometry, unroll, self._unroll_newest
             if (straight := self._tracker.straighten_newest(current, *moves, self.graph)) is not None:
@@ -110,7 +109,7 @@ class Mapper:
                 reason: str, unroll: Unroll | None) -> MapUpdate:  # fmt: skip
         """Take down where a sphere is, keep it as key sphere if there is a reason, and report."""
         self._tracker.update(current, T_map_sphere, odometry, alignment)
-        if reason != keyframes.NOT_YET:
+        if reason != NOT_YET:
             self._keep_last(unroll)
         self.tracks.append(self._tracker.track(self.graph))
         if self._unroll_newest is None and len(self.tracks) > 1:  # before, it may be given up

@@ -5,6 +5,6 @@ are worth a look, `params.py` the parameters of all that; the shell is in `spher
 """
 
 from sphere_nav.localization.input_check import InputCheck
-from sphere_nav.localization.status import FINE, Reason, State, StateMachine, Status, Verdict
+from sphere_nav.localization.status import FINE, Reason, State, StateMachine, Status, Verdict, status_of
 
-__all__ = ["FINE", "InputCheck", "Reason", "State", "StateMachine", "Status", "Verdict"]
+__all__ = ["FINE", "InputCheck", "Reason", "State", "StateMachine", "Status", "Verdict", "status_of"]

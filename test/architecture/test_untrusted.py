@@ -21,6 +21,7 @@ WRITING = set("wax")
 ALLOWED = {
     ("cycab_sim/rendering/embree.py", "MAPS.read_text"): "of the kernel",
     ("mcl_depth/likeness/learned.py", "np.load"): "weights: arrays alone, of a bounded size",
+    ("mcl_depth/likeness/learned.py", "WEIGHTS.read_bytes"): "its own weights, to tell them from others",
     ("sphere_nav/geometry/files/encoded.py", "np.fromfile"): "in a process of its own, with limits",
     ("sphere_nav/geometry/files/isolated.py", "Path(folder, 'refusal').read_text"): "what its own process has written",
     ("sphere_nav/geometry/files/isolated.py", "np.load"): "what its own process has written",

@@ -28,7 +28,7 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
 
 def judge(best, proof, step):
     """As in a home: cells have edges of 0.354 m."""
-    return judge_belief(best, proof, step, max_chance=1e-3, max_sigma_m=0.33)
+    return judge_belief(best, proof, step, max_chance=1e-3)
 
 
 def test_a_belief_is_judged():
@@ -97,8 +97,8 @@ def test_each_limit_has_two_sides():
     for best, proof, reason, is_bad in [
         (place(0.799), SURE, Reason.NO_CONVERGENCE, True),
         (place(0.801), SURE, Reason.NONE, False),
-        (place(sigma_m=0.331), SURE, Reason.NO_CONVERGENCE, True),
-        (place(sigma_m=0.329), SURE, Reason.NONE, False),
+        (place(sigma_m=0.61), SURE, Reason.NO_CONVERGENCE, True),
+        (place(sigma_m=0.59), SURE, Reason.NONE, False),
         (place(sigma_rad=np.radians(15.1)), SURE, Reason.NO_CONVERGENCE, True),
         (place(sigma_rad=np.radians(14.9)), SURE, Reason.NONE, False),
         (place(), Proof(1.01e-3), Reason.OUTLIERS, True),
