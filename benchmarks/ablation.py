@@ -81,7 +81,7 @@ MECHANISMS = {
         *CLASSES, (f"{RANGE}.semi_global.compare_costs",), lambda *images, **_: np.full(images[2].shape, np.inf)
     ),
     "recenter": Mechanism(*CLASSES, (f"{RANGE}.vertical.in_own_directions",), lambda *planes: planes[:2]),
-    "controls": Mechanism(*WRONG_MAPS, ("mcl_depth.belief.evidence.chances_of_place",), _chance_by_rivals),
+    "chance": Mechanism(*WRONG_MAPS, ("mcl_depth.belief.evidence.chances_of_place",), _chance_by_rivals),
     "injection": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.inject_at_places",), lambda particles, *_: particles),
     "headings": Mechanism(*WRONG_MAPS, ("mcl_depth.filter.adjust_headings",), lambda particles, *_: particles),
     "image_motion": Mechanism(*CONTRADICTIONS, ("mcl_depth.belief.image_motion.View",), _nothing),

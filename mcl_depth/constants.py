@@ -45,11 +45,11 @@ LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a stree
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = 3  # steps of headings, and cells, to a rival and to other headings: what is nearer is the same place
 NUM_MAXIMA, TAIL = 40, 0.05  # of a map; of those that it has room for
-CHANCE_SIGMA = 0.9, 1.35  # of z in homes that a drive is not in, by edges and learned (docs/notes/joint_evidence.md)
+# What a drive elsewhere reaches, in standard deviations of an image: so much with each, 1 less for each metre that they
+# are apart, beside a share of what other places reach; e times less often a scale beyond, by edges and learned
+CHANCE_LEVEL, CHANCE_SHARE, CHANCE_SCALE = 1.75, 0.5, (2.4, 2.9)  # docs/notes/joint_evidence.md
+WIDE_M, ROOM_M = 12.0, 8.0  # that images are apart, at most, and where they have left the room of a rival's twin
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
-# extent of a drive from which on its images err independently, elsewhere and at a rival (docs/notes/joint_evidence.md)
-INDEPENDENT_M, ROOM_M = 12.0, 8.0
-TURNS = 0.25, 0.5, 0.75  # of a circle, between views and way of control drives
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 
 # Evidence of many images along odometry (belief/test_evidence)

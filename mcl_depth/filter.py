@@ -46,7 +46,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._reckoning = DeadReckoning(params.input, params.motion)
         self.odometry = ReconciledOdometry(depth_map, params.motion)
-        self.evidence = Evidence(grid, params.state.max_chance, depth_map.likeness.chance_sigma)
+        self.evidence = Evidence(grid, params.state.max_chance, depth_map.likeness.chance_scale)
         self._states = StateMachine(params.state)
         self.particles: Particles
         self.reset()

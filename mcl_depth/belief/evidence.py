@@ -4,11 +4,9 @@ A belief looks healthy in a map that it is not in: some place always fits best, 
 is how well the rest of the map fits the same images. So each image is compared with every cell
 (`likeness/spectra.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
-The best place of the map is then held against two things. Drives that are not in the map are made of the same images
-(`JointEvidence`): what they reach by chance, the drive itself reaches by chance, in n images more or
-less by sqrt(n) / 2 or so, and by more where all are of one room. By how many sqrt(n) the best place exceeds them says
-whether the images are of this map, and by how much it leads its rivals whether it is that place: `chances_of_place`.
-Where only the first is sure, two places are alike. But streets of another town fit better than any control drive does:
+The best place of the map is then held against the others: how far it exceeds what a drive elsewhere reaches says
+whether the images are of this map, and by how much it leads its rival whether it is that place: `chances_of_place`.
+Where only the first is sure, two places are alike. But streets of another town fit better than rooms of another home:
 where the largest maxima of the map are but a `TAIL` of all that it has room for, they say as well what chance reaches
 (`chance_of_lead`). A home is too small.
 """
@@ -24,13 +22,14 @@ from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.estimate import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, Field, JointEvidence, SurveyGrid
+from mcl_depth.belief.joint_evidence import Field, JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import wrap_angle
 from mcl_depth.belief.watch import PlaceTest, excess
 from mcl_depth.constants import (
     APART,
+    CHANCE_LEVEL,
+    CHANCE_SHARE,
     EVEN_ODDS,
-    INDEPENDENT_M,
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
@@ -42,6 +41,7 @@ from mcl_depth.constants import (
     RIVAL_SCALE,
     ROOM_M,
     TAIL,
+    WIDE_M,
 )
 from mcl_depth.likeness.depth_map import Comparison
 from sphere_nav.estimation.least_squares import gate
@@ -92,15 +92,15 @@ class Proof:
 class Evidence:
     """Remembers the fields of the last images; sums them, and tests the best place of the map."""
 
-    def __init__(self, grid: SurveyGrid, max_chance: float, chance_sigma: float) -> None:
-        """`max_chance`: a place that was accepted is chance so often; `chance_sigma` is that of `Likeness`."""
-        self._grid, self._max_chance, self._chance_sigma = grid, max_chance, chance_sigma
-        self._drives = JointEvidence(grid.edge, grid.diagonal)
+    def __init__(self, grid: SurveyGrid, max_chance: float, chance_scale: float) -> None:
+        """`max_chance`: a place that was accepted is chance so often; `chance_scale` is that of the likeness."""
+        self._grid, self._max_chance, self._chance_scale = grid, max_chance, chance_scale
+        self._drive = JointEvidence(grid.edge, grid.diagonal)
         self.reset()
 
     def reset(self, *, is_given: bool = False) -> None:
         """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
-        self._drives.reset()
+        self._drive.reset()
         self._watch = PlaceTest(self._max_chance, is_held=True)
         self._trial = PlaceTest(self._max_chance, is_held=False) if is_given else None
         self._num_left = MAX_TRIAL  # images until a trial that is still open ends
@@ -158,9 +158,9 @@ class Evidence:
     def survey(self, comparison: Comparison, odometry: Array | None) -> Proof:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
         field = standardize(comparison.survey(self._grid.positions), self._grid)
-        joint, level = self._drives.add(field, odometry, self._grid.mask)
+        joint, num_images, extent_m = self._drive.add(field, odometry)
         places, values = find_maxima(joint, self._grid.mask)
-        p_elsewhere, p_chance = chances_of_place(values, level, self._chance_sigma)
+        p_elsewhere, p_chance = chances_of_place(values, num_images, extent_m, self._chance_scale)
         room = len(joint) * len(self._grid.positions) / (2 * PEAK + 1) ** joint.ndim  # for so many maxima
         if TAIL * room >= NUM_MAXIMA:
             p_lead = chance_of_lead(values)
@@ -213,23 +213,20 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     return places[is_kept][: NUM_MAXIMA + 1], values[is_kept][: NUM_MAXIMA + 1]
 
 
-def chances_of_place(values: Array, level: EvidenceLevel, sigma: float) -> tuple[float, float]:
+def chances_of_place(values: Array, num_images: float, extent_m: float, scale: float) -> tuple[float, float]:
     """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
-    `values` (N,) are the maxima of the map, falling. Control drives, which are turned, reach sqrt(n) less than a drive
-    elsewhere, whose views belong to its way. With z = (v_1 - v_turned) / sqrt(n) - 1:
-    p < exp(-z^2 / 2 sigma^2), Chernoff's bound for a normal z of that standard deviation;
-    a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). Without a rival nothing is told: 1.
-
-    Images of one room err together, for a room elsewhere and for its twin next door: the log odds count by the
-    share that the drive's extent has of `INDEPENDENT_M` and of `ROOM_M`.
+    `values` (N,) are the maxima of the map, falling, after so many images that are up to `extent_m` apart. Log odds are
+    linear in all of them. A room elsewhere may fit image after image, so each gains `CHANCE_LEVEL`, 1 less for each
+    metre that they are apart, beside a share of what the other places have; e times less often a `scale` beyond that.
+    A rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE), more often within a room and its twin next door.
+    Without a rival nothing is told: 1.
     """
     if len(values) < 2:
         return 1.0, 1.0
-    root = np.sqrt(level.num_images)
-    z = max(float((values[0] - level.turned) / root - 1.0), 0.0)
-    p_elsewhere = float(np.exp(-0.5 * min(level.extent_m / INDEPENDENT_M, 1.0) * (z / sigma) ** 2))
-    p_rival = float(np.exp(-min(level.extent_m / ROOM_M, 1.0) * (values[0] - values[1]) / RIVAL_SCALE))
+    reached = CHANCE_LEVEL * num_images - min(extent_m, WIDE_M) + CHANCE_SHARE * float(np.mean(values[1:]))
+    p_elsewhere = float(np.exp(-max(values[0] - reached, 0.0) / scale))
+    p_rival = float(np.exp(-min(extent_m / ROOM_M, 1.0) * (values[0] - values[1]) / RIVAL_SCALE))
     return p_elsewhere, max(p_elsewhere, p_rival)
 
 

@@ -11,7 +11,6 @@ metre, so the second of two that are nearer says only what is left. An image cou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from mcl_depth.belief.motion_model import relative_motion, way_of, wrap_angle
-from mcl_depth.constants import COST, FORGETTING, NEW_TURN, STEP_EVERY, TURNS
+from mcl_depth.constants import COST, FORGETTING, NEW_TURN, STEP_EVERY
 from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array
 
 ASIDE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)) for f in (np.cos, np.sin)], axis=1)  # directions
-Field = NDArray[np.float32]  # (A, X, Y) by heading and cell; of several drives (D, A, X, Y)
+Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
 
 
 class SurveyGrid:
@@ -55,20 +54,8 @@ class SurveyGrid:
         return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
 
 
-@dataclass(frozen=True)
-class EvidenceLevel:
-    """What drives of turned images, which are not in the map, reach in the mean."""
-
-    turned: float
-    num_images: float  # that it is a sum of
-    extent_m: float  # the largest distance between two of its images
-
-
 class JointEvidence:
-    """The drive, and drives of the same images that are not in the map, to tell by what one reaches that may be there.
-
-    These see each image turned from the way by a right angle or two: they fit no room for long.
-    """
+    """The field of the last images, each moved to the newest one by odometry."""
 
     def __init__(self, edge: float, new_way: float) -> None:
         """`edge` m is that of an element; after `new_way` m an image counts in full."""
@@ -83,38 +70,31 @@ class JointEvidence:
         self._last: Array | None = None  # odometry
         self._reach = np.full(len(ASIDE), -np.inf)  # m, the farthest of all images in each direction
 
-    def add(self, field: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> tuple[Field, EvidenceLevel]:
-        """Add an image, taken at `odometry` (3,); return the sum, and what the other drives reach.
+    def add(self, field: Field, odometry: Array | None) -> tuple[Field, float, float]:
+        """Add an image, taken at `odometry` (3,); return the sum, of how many images, and how far apart these are, m.
 
         Without odometry, and after a gap in it, it stands alone: who may have gone anywhere fits somewhere.
         """
-        turned = [np.roll(field, round(share * len(field)), axis=0) for share in TURNS]
-        total, *others = self._add(np.stack([field, *turned]), odometry)
-        if odometry is None:
-            self._reach[:] = -np.inf
-        else:
-            np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
-        extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
-        reached = float(np.mean([one[:, mask].max() for one in others]))
-        return total, EvidenceLevel(reached, self._num_remembered, extent_m)
-
-    def _add(self, fields: Field, odometry: Array | None) -> Field:
         if self._total is None or odometry is None or self._last is None:
-            self._total, self._num_remembered, self._num_images = fields, 1.0, 1.0
-            self._rests, self._turn = np.zeros((fields.shape[-3], 2)), 0.0
+            self._total, self._num_remembered, self._num_images = field, 1.0, 1.0
+            self._rests, self._turn = np.zeros((len(field), 2)), 0.0
+            self._reach[:] = -np.inf
         else:
             motion = relative_motion(self._last, odometry)
             news = min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)  # 0 to 1
             kept = FORGETTING ** np.float32(news)
-            self._total = kept * self._propagate(self._total, motion) + np.float32(news) * fields
+            self._total = kept * self._propagate(self._total, motion) + np.float32(news) * field
             self._num_remembered = float(kept) * self._num_remembered + news
             self._num_images += news
         self._last = odometry
-        return self._total
+        if odometry is not None:
+            np.maximum(self._reach, ASIDE @ odometry[:2], out=self._reach)
+        extent_m = max(float(np.max(self._reach + np.roll(self._reach, len(ASIDE) // 2))), 0.0)
+        return self._total, self._num_remembered, extent_m
 
     def _propagate(self, total: Field, motion: Array) -> Field:
         """Return the sum for the poses after a motion (3,) in the vehicle's axes."""
-        count = total.shape[-3]
+        count = len(total)
         step = 2.0 * np.pi / count
         angles = step * np.arange(count) + self._turn
         cosines, sines = np.cos(angles), np.sin(angles)
@@ -135,16 +115,16 @@ def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:
     """Return field[a, x, y] at [a + turn, x + shifts[a, 0], y + shifts[a, 1]]; 0 where nothing comes from."""
     moved = np.zeros_like(field)
     for a, shift in enumerate(shifts.tolist()):
-        sides = list(zip(shift, field.shape[-2:], strict=True))
+        sides = list(zip(shift, field.shape[1:], strict=True))
         to: Any = tuple(slice(max(step, 0), max(side + min(step, 0), 0)) for step, side in sides)
         source: Any = tuple(slice(max(-step, 0), max(side - max(step, 0), 0)) for step, side in sides)
-        moved[(..., (a + turn) % len(shifts), *to)] = field[(..., a, *source)]
+        moved[((a + turn) % len(shifts), *to)] = field[(a, *source)]
     return moved
 
 
 def relax(field: Field) -> Field:
     """Return the best of each element, its neighbouring headings less COST, and the neighbouring cells of these."""
-    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=-3), np.roll(field, -1, axis=-3)) - COST)
-    beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (-2, -1)]
+    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)) - COST)
+    beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (1, 2)]
     best: Field = np.maximum(turned, np.maximum(*beside) - COST)
     return best

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import CHANCE_SIGMA, MIN_VIEW_SHARE, NUM_ENERGY_FREQUENCIES, ROOT
+from mcl_depth.constants import CHANCE_SCALE, MIN_VIEW_SHARE, NUM_ENERGY_FREQUENCIES, ROOT
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import Stack
 from mcl_depth.likeness.features import GradientFeatures, Image, code_gradients, depth_gradients, visual_features
@@ -28,7 +28,7 @@ class Gradients:
 
     name = ""  # of what is kept on disk
     min_seen = 0.0  # share of the panorama that an image must show
-    chance_sigma = CHANCE_SIGMA[0]  # of z where a drive is not, after any number of images
+    chance_scale = CHANCE_SCALE[0]  # of what a drive elsewhere reaches
     image = staticmethod(visual_features)
 
     def __init__(self, params: ComparisonParams) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import (
     CHANCE,
-    CHANCE_SIGMA,
+    CHANCE_SCALE,
     ENCODED_RANGE_M,
     IMAGE_CLIP,
     LCN_COLUMNS,
@@ -88,7 +88,7 @@ class Learned:
     """The likeness of whole panoramas in homes, one for each place and for all cells of a map."""
 
     min_seen = MIN_SEEN
-    chance_sigma = CHANCE_SIGMA[1]
+    chance_scale = CHANCE_SCALE[1]
 
     def __init__(self, camera: Spherical) -> None:
         self._camera, self._encoders = camera, load_encoders()

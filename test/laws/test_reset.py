@@ -92,8 +92,8 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                     "endpoints params clock_watch cycle ticks cmd_vel sent sent_ns ackermann tracking "
                     "status heartbeat beats intake scans peers"),
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
-    "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3, 0.6), "reset",
-                 "grid max_chance chance_sigma"),
+    "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3, 2.4), "reset",
+                 "grid max_chance chance_scale"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
                "waypoints way params offsets"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, Proof, chance_of_lead, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence, SurveyGrid
+from mcl_depth.belief.joint_evidence import JointEvidence, SurveyGrid
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import Spherical
 from sphere_nav.localization.status import FINE, Reason, Verdict
@@ -23,7 +22,7 @@ MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
 
 SLIP = Verdict(Reason.JUMP_REJECTED)
-EDGE, SIDE, NUM_HEADINGS, RATE, SIGMA = 0.5, 40, 36, 1e-3, 0.9
+EDGE, SIDE, NUM_HEADINGS, RATE, SCALE = 0.5, 40, 36, 1e-3, 2.4
 
 
 def seen(odometry=None, finding=FINE, **flags):
@@ -64,22 +63,17 @@ def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
         assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))  # four standard errors
 
 
-def test_a_place_leads_both_its_rivals_and_drives_that_are_not_there():
-    sure = EvidenceLevel(turned=3.0, num_images=9.0, extent_m=99.0)
-    p_elsewhere, p_chance = chances_of_place(np.array([18.0, 9.0]), sure, SIGMA)
-    assert p_elsewhere < RATE
-    assert p_chance == p_elsewhere  # the rival is further behind
-    by_rival = pytest.approx(np.exp(-3.0 / RIVAL_SCALE))
-    assert chances_of_place(np.array([18.0, 15.0]), sure, SIGMA) == (p_elsewhere, by_rival)
-    # what many images add up to says less
-    later = EvidenceLevel(turned=3.0, num_images=16.0, extent_m=12.0)
-    assert chances_of_place(np.array([18.0, 9.0]), later, SIGMA)[0] > 10.0 * p_elsewhere
-    assert chances_of_place(np.array([5.5, 1.0]), sure, SIGMA) == (1.0, 1.0)
-    rooms = chances_of_place(np.array([18.0, 15.0]), replace(sure, extent_m=6.0), SIGMA)
-    assert rooms == pytest.approx((p_elsewhere**0.5, np.exp(-2.25 / RIVAL_SCALE)))  # images of one room err together
-    assert chances_of_place(np.array([20.0]), sure, SIGMA) == (1.0, 1.0)  # no rival
-    wide, narrow = (chances_of_place(np.array([18.0, 9.0]), sure, sigma)[0] for sigma in (2 * SIGMA, SIGMA))
-    assert wide == pytest.approx(narrow**0.25)
+def test_a_place_leads_both_its_rivals_and_what_a_drive_elsewhere_reaches():
+    values, rival = np.array([32.0, 8.0, 8.0, 4.0, 4.0]), np.array([32.0, 29.0, -5.0, 0.0, 0.0])  # 6 in the mean
+    p_elsewhere, p_chance = chances_of_place(values, 10.0, 8.0, 2.2)
+    assert p_elsewhere == p_chance == pytest.approx(np.exp(-(32.0 - 17.5 + 8.0 - 3.0) / 2.2))  # the rival is far behind
+    assert chances_of_place(rival, 10.0, 8.0, 2.2) == pytest.approx((p_elsewhere, np.exp(-3.0 / RIVAL_SCALE)))
+    assert chances_of_place(rival, 10.0, 4.0, 2.2)[1] == pytest.approx(np.exp(-1.5 / RIVAL_SCALE))  # a twin next door
+    wide = [chances_of_place(values, 10.0, extent_m, 2.2)[0] for extent_m in (8.0, 12.0, 40.0)]
+    assert wide[1] == wide[2] == pytest.approx(np.exp(-4.0 / 2.2) * wide[0])  # images of one room err together
+    assert chances_of_place(values, 12.0, 8.0, 2.2)[0] == pytest.approx(np.exp(3.5 / 2.2) * p_elsewhere)  # of more
+    assert chances_of_place(values, 30.0, 8.0, 2.2) == (1.0, 1.0)
+    assert chances_of_place(values[:1], 10.0, 8.0, 2.2) == (1.0, 1.0)  # no rival
 
 
 def drive(count):
@@ -96,7 +90,7 @@ def test_images_of_another_place_are_chance():
     _, odometry = drive(6)
     found = []
     for trial in range(4):
-        evidence = Evidence(grid, RATE, SIGMA)
+        evidence = Evidence(grid, RATE, SCALE)
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
@@ -107,10 +101,10 @@ def test_images_of_another_place_are_chance():
 
 @pytest.mark.parametrize(("side", "is_chance"), [(60, True), (40, False)])
 def test_a_large_map_says_itself_what_chance_reaches(monkeypatch, side, is_chance):
-    """Streets of another town: no control drive comes near."""
+    """Streets of another town fit better than rooms of another home."""
     monkeypatch.setattr("mcl_depth.belief.evidence.chances_of_place", lambda *_: (1e-6, 1e-6))
     grid = grid_of(side)
-    proof = Evidence(grid, RATE, SIGMA).survey(Images(grid, 5), np.zeros(3))
+    proof = Evidence(grid, RATE, SCALE).survey(Images(grid, 5), np.zeros(3))
     assert (proof.p_chance > RATE, proof.is_proven) == (is_chance, not is_chance)
 
 
@@ -122,18 +116,13 @@ def test_a_belief_agrees_with_the_best_place_within_what_chance_exceeds_once_in_
     assert not proof.agrees_with(np.array([4.0, 3.0, 3.1 - np.radians(21.0)]))
 
 
-def sum_of(joint, field, odometry):
-    """The sum of the drive after one more image."""
-    return joint.add(field, odometry, np.ones(field.shape[1:], bool))[0]
-
-
 def joint_of(field, motions):
     """The sum after an image of `field` and images that say nothing, each after one of the motions."""
     joint, pose = JointEvidence(EDGE, 2 * EDGE), np.array([3.0, -1.0, 0.7])
-    total = sum_of(joint, field, pose)
+    total, *_ = joint.add(field, pose)
     for motion in motions:
         pose = compose_planar(pose[None], np.array(motion))[0]
-        total = sum_of(joint, np.zeros_like(field), pose)
+        total, *_ = joint.add(np.zeros_like(field), pose)
     return total
 
 
@@ -151,32 +140,27 @@ def test_evidence_moves_with_odometry():
     assert joint_of(field, [(20 * EDGE, 0.0, 0.0)]).max() == 0.0  # off the map
 
 
-def test_control_drives_look_aside_and_back():
-    """Each fits what is seen where the vehicle goes another way than odometry says."""
-
-    def level_of(*to):
-        drives, mask = JointEvidence(EDGE, 2 * EDGE), np.ones((12, 12), bool)
-        for place, ahead in (((5, 5), 0.0), (to, 2 * EDGE)):
-            field = np.zeros((36, 12, 12), np.float32)
-            field[0, *place] = 6.0
-            _, found = drives.add(field, np.array([ahead, 0.0, 0.0]), mask)
-        return found
-
-    ahead, *others = [level_of(*to).turned for to in ((7, 5), (5, 7), (3, 5), (5, 3))]
-    assert others == [pytest.approx(6.0 + 2.0 * FORGETTING)] * 3  # of three drives one goes there
-    assert ahead == 6.0
+def test_an_image_counts_by_its_way_and_earlier_ones_less_for_it():
+    joint, field = JointEvidence(EDGE, 2 * EDGE), np.zeros((NUM_HEADINGS, 12, 12), np.float32)
+    ways = [0.0, 2 * EDGE, 2 * EDGE, 3 * EDGE]  # m driven: nothing, a full way, nothing, half of one
+    numbers = [joint.add(field, np.array([way, 0.0, 0.0]))[1] for way in ways]
+    assert numbers == pytest.approx(
+        [1.0, 1.0 + FORGETTING, 1.0 + FORGETTING, 0.5 + FORGETTING**0.5 * (1.0 + FORGETTING)]
+    )
+    assert joint.add(field, None)[1] == 1.0
 
 
 def test_a_drive_reaches_from_one_of_its_images_to_another():
-    drives, mask, field = JointEvidence(EDGE, 2 * EDGE), np.ones((12, 12), bool), np.zeros((36, 12, 12), np.float32)
+    joint, field = JointEvidence(EDGE, 2 * EDGE), np.zeros((NUM_HEADINGS, 12, 12), np.float32)
 
     def extent(*odometry):
-        return drives.add(field, np.array(odometry), mask)[1].extent_m
+        return joint.add(field, np.array(odometry))[2]
 
     assert [extent(2.0, 1.0, 0.0), extent(5.0, 1.0, 0.0), extent(-1.0, 1.0, 2.0)] == pytest.approx([0.0, 3.0, 6.0])
     assert extent(0.0, 1.0, 0.0) == pytest.approx(6.0)
     assert extent(2.0, 8.0, 0.0) == pytest.approx(np.hypot(3.0, 7.0), rel=0.01)  # in whatever direction
-    assert drives.add(field, None, mask)[1].extent_m == 0.0  # nobody knows
+    assert joint.add(field, None)[2] == 0.0  # nobody knows
+    assert extent(9.0, 9.0, 0.0) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_odometry_may_err_by_a_cell_and_a_heading():
@@ -191,10 +175,10 @@ def test_odometry_may_err_by_a_cell_and_a_heading():
 def test_after_a_gap_in_odometry_an_image_stands_alone():
     joint, field = JointEvidence(EDGE, 2 * EDGE), np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
-    sum_of(joint, field, np.zeros(3))
+    joint.add(field, np.zeros(3))
     for odometry in (None, np.array([2 * EDGE, 0.0, 0.0])):
-        np.testing.assert_array_equal(sum_of(joint, field, odometry), field)
-    assert peak_of(sum_of(joint, np.zeros_like(field), np.array([4 * EDGE, 0.0, 0.0]))) == (0, 5, 5)
+        np.testing.assert_array_equal(joint.add(field, odometry)[0], field)
+    assert peak_of(joint.add(np.zeros_like(field), np.array([4 * EDGE, 0.0, 0.0]))[0]) == (0, 5, 5)
 
 
 def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
@@ -205,7 +189,7 @@ def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
 
 def place_given():
     grid = grid_of(15)
-    evidence = Evidence(grid, RATE, SIGMA)
+    evidence = Evidence(grid, RATE, SCALE)
     evidence.reset(is_given=True)
     return evidence, grid, np.array([4.0, 3.0, 0.0])
 
@@ -233,7 +217,7 @@ def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     grid = grid_of()
-    evidence, pose, away = Evidence(grid, RATE, SIGMA), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
+    evidence, pose, away = Evidence(grid, RATE, SCALE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
 
     def doubts(seeds, place):
         return [evidence.prove(Images(grid, s, place, 9.0), pose, seen(), is_held=True).p_chance for s in seeds]
@@ -244,7 +228,7 @@ def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
 
 def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
-    evidence = Evidence(grid, RATE, SIGMA)
+    evidence = Evidence(grid, RATE, SCALE)
     evidence.prove(Images(grid, 0, pose, 9.0), pose, seen(), is_held=True)
     lost = evidence.prove(Images(grid, 1, None), pose, seen(finding=SLIP, is_known=False), is_held=True)
     assert evidence.is_on_trial
@@ -259,11 +243,11 @@ def test_a_place_is_watched_by_the_cells_around_it_that_are_there(pose, num_cell
     grid, asked = grid_of(), []
     images = Images(grid, 3)
     watched = SimpleNamespace(survey=lambda positions: asked.append(len(positions)) or images.survey(positions))
-    proof = Evidence(grid, RATE, SIGMA).prove(watched, np.array(pose), seen(), is_held=True)
+    proof = Evidence(grid, RATE, SCALE).prove(watched, np.array(pose), seen(), is_held=True)
     assert asked == [num_cells]
     assert 0.0 <= proof.p_chance < 0.5
 
 
 def test_a_place_off_the_map_is_not_watched():
-    proof = Evidence(grid_of(), RATE, SIGMA).prove(None, np.array([30.0, 30.0, 0.0]), seen(), is_held=True)
+    proof = Evidence(grid_of(), RATE, SCALE).prove(None, np.array([30.0, 30.0, 0.0]), seen(), is_held=True)
     assert proof.p_chance == pytest.approx(RATE)

@@ -37,9 +37,9 @@ def test_a_heading_is_a_whole_number_of_columns():
             check_headings(build(FilterParams, {"heading_step_deg": 10.0, "synthesis.num_columns": columns}))
 
 
-def test_what_was_learned_deviates_more_by_chance(site):
+def test_what_was_learned_reaches_more_by_chance(site):
     edges = Site(room(), PANORAMA, 1.2, build(FilterParams, SETTINGS | {"likeness.kind": "gradients"}), is_ready=False)
-    assert [one.filter().evidence._chance_sigma for one in (site, edges)] == [1.35, 0.9]
+    assert [one.filter().evidence._chance_scale for one in (site, edges)] == [2.9, 2.4]
 
 
 def test_a_place_is_recovered_from_nowhere(site):
