@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dense_localizer.judge.candidate import PoseCandidate, assess, refuse
+from dense_localizer.judge.candidate import PoseCandidate, assess, assess_range, refuse
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.reasons import REMEDIES
@@ -49,6 +50,22 @@ GUESS = Prediction.guess(SE3.identity())
 def assessed(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=PREDICTED, structure=None, by_contrast=False):
     choice = Choice((0,), (), 1.0, 3.0 * distance_ratio, 5.0, 3.0, by_contrast)
     return assess(alignment, covariance, choice, prediction, PARAMS, structure=structure)
+
+
+@pytest.mark.parametrize(
+    ("overlap", "agreement", "is_accepted", "is_good", "told"),
+    [
+        (0.9, 0.9, True, True, ("", 0.0, 0.0)),
+        (0.9, 0.78, True, False, (Reason.OUTLIERS, 0.78, 0.8)),
+        (0.9, 0.3, False, False, (Reason.OUTLIERS, 0.3, 0.75)),
+        (0.25, 0.9, False, False, (Reason.LOW_OVERLAP, 0.25, 0.3)),
+    ],
+)
+def test_a_pose_by_ranges_must_overlap_and_agree(overlap, agreement, is_accepted, is_good, told):
+    fit = SimpleNamespace(overlap=overlap, agreement=agreement)
+    found = assess_range(fit, HERE, TIGHT, PREDICTED, PARAMS)
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+    assert (found.finding.reason, found.finding.value, found.finding.limit) == told
 
 
 def test_a_good_alignment_is_accepted_without_a_word_whatever_the_light():

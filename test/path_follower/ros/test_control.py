@@ -52,7 +52,7 @@ def test_a_start_begins_with_a_zero_command(bus, loop):
     list(bus.settle())
     assert loop.ask("start") == ""
     commands = [item.message for item in bus.settle() if item.topic == "/cmd_vel"]
-    assert [command.linear.x for command in commands] == [0.0]
+    assert [(command.linear.x, command.angular.z) for command in commands] == [(0.0, 0.0)]
     assert loop.ask("start") == ""  # it drives: not a second one
     assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
 
