@@ -118,5 +118,6 @@ def test_a_dictionary_must_be_there_and_hold_the_markers():
     check_markers(replace(BOARDS[0], first_marker=250 - 17))
     with pytest.raises(ValueError, match="dictionary: expected 251 markers for 6x4 corners, found 250"):
         check_markers(replace(BOARDS[0], first_marker=250 - 16))
-    with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
-        check_markers(replace(BOARDS[0], dictionary="ArucoDetector"))
+    for other in ("ArucoDetector", "CORNER_REFINE_SUBPIX"):  # no number; the number of something else
+        with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
+            check_markers(replace(BOARDS[0], dictionary=other))
