@@ -28,6 +28,22 @@ def offline(**values):
     return node, bus
 
 
+@pytest.fixture(scope="module", autouse=True)
+def first_steps():
+    """The kernels that a first step loads are of no test alone."""
+    node, _ = offline(camera__period=0.0)
+    run_a_step(node)
+
+
+def run_a_step(node):
+    before, patience = node.simulator.time_ns, Patience(20.0)
+    node.activate()
+    while node.simulator.time_ns == before and patience.is_left():
+        time.sleep(0.001)
+    node.deactivate()
+    assert node.simulator.time_ns > before
+
+
 def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused():
     node, _ = offline(camera__period=0.0)
     for stamp, speed in ((1_700_000_000 * 10**9, 1.0), (node.simulator.time_ns, math.nan)):
@@ -58,13 +74,7 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
     state = node.simulator.vehicle.state
     assert (state.x, state.y, state.yaw, state.speed) == pytest.approx((20.0, -0.5, 0.3, 0.7))
     for _ in range(3):
-        before = node.simulator.time_ns
-        node.activate()
-        patience = Patience(20.0)
-        while node.simulator.time_ns == before and patience.is_left():
-            time.sleep(0.001)
-        node.deactivate()
-        assert node.simulator.time_ns > before
+        run_a_step(node)
         assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).active == []
 
 
