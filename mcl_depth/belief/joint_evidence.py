@@ -76,9 +76,9 @@ class JointEvidence:
         Without odometry, and after a gap in it, it stands alone: who may have gone anywhere fits somewhere.
         """
         if self._total is None or odometry is None or self._last is None:
+            self.reset()
             self._total, self._num_remembered, self._num_images = field, 1.0, 1.0
             self._rests, self._turn = np.zeros((len(field), 2)), 0.0
-            self._reach[:] = -np.inf
         else:
             motion = relative_motion(self._last, odometry)
             news = min(way_of(motion) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)  # 0 to 1

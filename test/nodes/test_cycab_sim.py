@@ -15,7 +15,7 @@ from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
-from worlds.patience import Patience
+from worlds.patience import wait_until
 
 
 def offline(**values):
@@ -36,10 +36,9 @@ def first_steps():
 
 
 def run_a_step(node):
-    before, patience = node.simulator.time_ns, Patience(20.0)
+    before = node.simulator.time_ns
     node.activate()
-    while node.simulator.time_ns == before and patience.is_left():
-        time.sleep(0.001)
+    wait_until(lambda: node.simulator.time_ns > before, 20.0, lambda: time.sleep(0.001))
     node.deactivate()
     assert node.simulator.time_ns > before
 

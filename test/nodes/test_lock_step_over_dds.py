@@ -35,7 +35,7 @@ from sphere_nav.ros.conversions import (
     status_to_message,
 )
 from sphere_nav_tools.cli.processes import Processes
-from worlds.patience import Patience
+from worlds.patience import wait_until
 
 pytestmark = pytest.mark.dds
 
@@ -91,10 +91,8 @@ class Bench:
         self.states.publish(status_to_message(Status(State.TRACKING, milliseconds=1.0), stamp, "map"))
 
     def wait(self, is_done):
-        patience = Patience(LIMIT)
-        while not is_done():
-            assert patience.is_left(), "expected an answer in time"
-            self.executor.spin_once(timeout_sec=0.05)
+        is_in_time = wait_until(is_done, LIMIT, lambda: self.executor.spin_once(timeout_sec=0.05))
+        assert is_in_time, "expected an answer in time"
 
     def call(self, name):
         client = self.node.create_client(Trigger, name)
