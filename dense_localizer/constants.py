@@ -92,6 +92,7 @@ HIDDEN_LOG_ODDS, LOG_ODDS_RANGE = -9.0, (-12.0, 6.0)  # four images; of a cell t
 MAX_SHARE, LENS_SIGMAS = 0.01, 4.0  # beyond both a lens is wrong
 LENS_PIXELS = 2.2  # of the map, a radian from the centre, if that is more: 1.0 off in a map of 768 columns, ideal else
 LENS_NOISE = 0.005  # standard deviation of what a key sphere's errors look like: simulated streets, by day and night
+LENS_FAR = 8  # steps of 2 % by which one is tried to be longer, or shorter, where nothing is told
 LENS_SPHERES = 64  # latest key spheres that count; one of INTEGRITY_PERIOD images is asked
 
 # Odometry against images (judge/test_odometry_check)

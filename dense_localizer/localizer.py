@@ -118,8 +118,7 @@ class Localizer:
             self._prior.start(candidate.T_map_camera, candidate.covariance, frame.stamp_ns, frame.T_odom_camera)
             self.references.prefetch(candidate.T_map_camera, None, is_rig=candidate.is_rig)
             self.search.reset()
-            self._integrity.start(frame, candidate)
-            self._states.start()
+            self._states.start(is_found_again=self._integrity.start(frame, candidate))
             self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good, num_images=candidate.num_images)
         return self._report(frame, finding, candidate)
 

@@ -153,13 +153,12 @@ class Integrity:
         structure = find_rig_structure(images, alignment, self._params.registration, motion, due, predicted)
         return hold_to(prediction.expected, structure, alignment)
 
-    def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
-        """Begin at a candidate that a search has found."""
+    def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> bool:
+        """Begin at a candidate that a search has found; return whether odometry says that the camera has gone there."""
         self._is_refused = False
         self._innovations.clear()
         sample = _make_sample(frame, candidate)
-        if sample is not None:
-            self._odometry.start(sample)
+        return sample is not None and self._odometry.start(sample)
 
     def confirm(self, frame: LocalizerInput, candidate: PoseCandidate, placed: PoseCandidate, state: State) -> Verdict:
         """Note a candidate accepted in a state; return what is against it: lens, itself, what preceded it, odometry.

@@ -25,6 +25,7 @@ from dense_localizer.constants import (
     CORRELATED_CELLS,
     HIDDEN_LOG_ODDS,
     INTEGRITY_PERIOD,
+    LENS_FAR,
     LENS_NOISE,
     LENS_PIXELS,
     LENS_SIGMAS,
@@ -74,6 +75,7 @@ class LensWatch:
         self._judged: dict[str, tuple[Verdict, Array]] = {}  # finding and covariance of each camera
         self._longer: Steps = {}  # what is thought of a lens that is far off
         self._num_left = 0  # images that are not asked
+        self._far = LENS_FAR  # steps by which the lens of the next image is tried to be longer
 
     def observe(self, candidate: PoseCandidate, params: RegistrationParams, state: State) -> Verdict:
         """Ask one of several images that the map has placed, each of a pose on probation until a lens is wrong.
@@ -85,8 +87,11 @@ class LensWatch:
         is_due = self._num_left <= 0 or (state is State.PROBATION and self.finding is FINE)
         if not is_due or candidate.alignment is None or candidate.is_by_range:
             return self.finding
+        self._far = -self._far
         how = candidate.alignment, params, candidate.motion, self._longer
-        found, self._longer = find_stretches(candidate.images, *how, is_clear=not candidate.is_biased)
+        found, self._longer = find_stretches(
+            candidate.images, *how, far=self._far, is_clear=not candidate.is_biased
+        )
         is_open = bool(self._longer and not found)
         self._num_left = 0 if is_open else INTEGRITY_PERIOD
         self.add(found, candidate.choice.ids[0])

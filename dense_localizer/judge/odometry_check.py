@@ -17,6 +17,7 @@ from dense_localizer.constants import (
     DISPUTE_S,
     IMAGE_FORGETTING,
     MAX_INNOVATION,
+    MAX_POSITION_SIGMA_M,
     MIN_DELAY_S,
     MOTION_INTERVAL_S,
     MOTION_SHIFT_S,
@@ -67,13 +68,16 @@ class OdometryCheck:
             self._driven = self._driven + np.array(self._last_odom.distance(T_odom_camera))
         self._last_odom = T_odom_camera
 
-    def start(self, sample: OdometrySample) -> None:
-        """Begin anew at a place found by a search."""
+    def start(self, sample: OdometrySample) -> bool:
+        """Begin anew at a place found by a search; return whether odometry says that the camera has gone there."""
         self._samples.clear()
         self._is_new = False
         self._information = self._score = 0.0
         self._dispute = None
         self._check_place(sample)
+        if self._trusted is None or self._error * self._driven[0] > MAX_POSITION_SIGMA_M:
+            return False
+        return self._distance(self._trusted, sample) <= gate(6)
 
     def _check_place(self, sample: OdometrySample, *, defies_odometry: bool = False) -> None:
         """Dispute a place that is not where odometry says the camera has gone since it was last sure.

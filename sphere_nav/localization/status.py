@@ -216,8 +216,9 @@ class StateMachine:
         """Say that nobody searches: the pose must be given."""
         self._enter(State.NOT_LOCALISED)
 
-    def start(self) -> None:
-        """Put a pose that was found on probation."""
+    def start(self, *, is_found_again: bool = False) -> None:
+        """Put a pose that was found on probation; one that was lost, and `is_found_again`, was no wrong one."""
+        self.num_losses = max(0, self.num_losses - is_found_again)
         self._enter(State.PROBATION)
 
     def lose(self) -> None:

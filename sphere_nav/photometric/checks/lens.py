@@ -7,7 +7,9 @@ the view has a light of its own, with a slope: what a lamp does there is no moti
 observations: how differently they pull is the deviation.
 
 That holds for small stretches. Of a large one a part is found: with a lens that is so much longer the next image is
-aligned anew, though that may fit less, until little is left. What an image tells then counts if it fits better.
+aligned anew, though that may fit less, until little is left. What an image tells then counts if it fits better. Of a
+very large one the pose takes over even that part: where nothing is told, a lens that is far off is tried, and gone on
+from where the image fits better at once.
 """
 
 from __future__ import annotations
@@ -65,17 +67,21 @@ def find_stretches(
     motion: FrameMotion | None = None,
     longer: Steps = NO_STEPS,
     *,
+    far: int = 0,
     is_clear: bool = True,
 ) -> tuple[list[Stretch], Steps]:
     """Return the stretch of each camera in an alignment of `register_rig`, and how much longer the lenses are thought.
 
     `longer` is what was thought after the image before: of a lens that is far off the first images tell no stretch.
-    Where something else pulls the alignment, it is not `is_clear`, only what other lenses explain better is returned.
+    `far`: by how many steps longer all are tried where nothing is told. Where something else pulls the alignment, it is
+    not `is_clear`, only what other lenses explain better is returned.
     """
     finest = min(params.pyramid.finest + LENS_LEVEL, min(len(one.pyramid.levels) for one in images) - 1)
     coarse = between(params, finest=finest)
     told, misfit = measure_stretches(images, alignment, coarse, motion)
     by_told, most, longer = told if is_clear else [], 1 if longer else 0, longer or _steps(told)
+    is_tried = not any(longer.values())
+    longer = {one.camera: far for one in told} if is_tried else longer
     if not any(longer.values()):
         return by_told, {}
     seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
@@ -83,7 +89,7 @@ def find_stretches(
     found, remaining = measure_stretches(seen, here, coarse, motion)
     left = _steps(found)
     is_settled = max(map(abs, left.values()), default=0) <= most
-    if not (found and here.is_converged) or (is_settled and remaining > misfit * LENS_LEFT):
+    if not (found and here.is_converged) or ((is_settled or is_tried) and remaining > misfit * LENS_LEFT):
         return by_told, {}
     if not is_settled:
         return [], {name: longer.get(name, 0) + steps for name, steps in left.items()}

@@ -81,7 +81,7 @@ def asked(monkeypatch):
     """The images that are asked, and whether as clear ones; each tells 5 %."""
     images = []
 
-    def find(images_of, *_, is_clear):
+    def find(images_of, *_, far, is_clear):
         images.append((images_of, is_clear))
         return [Stretch("", 0.05, 0.003, ALONG)], {}
 
@@ -115,11 +115,24 @@ def test_each_image_of_a_pose_on_probation_is_asked_while_no_lens_is_wrong(asked
     assert len(asked) == 3
 
 
+def test_lenses_that_are_far_longer_and_far_shorter_are_tried_in_turn(monkeypatch):
+    tried, watch = [], LensWatch()
+
+    def find(*_, far, is_clear):
+        tried.append(far)
+        return [], {}
+
+    monkeypatch.setattr("dense_localizer.judge.lens_watch.find_stretches", find)
+    for number in range(41):
+        watch.observe(candidate(number), RegistrationParams(), State.TRACKING)
+    assert tried == [-8, 8, -8, 8, -8]
+
+
 def test_of_a_lens_that_is_far_off_the_next_image_goes_on_from_what_was_thought(monkeypatch):
     answers = [([], {"": -5}), ([], {"": -10}), ([Stretch("", -0.2, 0.003, ALONG)], {"": -10}), ([], {})]
     thought, watch = [], LensWatch()
 
-    def find(*given, is_clear):
+    def find(*given, far, is_clear):
         thought.append(dict(given[-1]))
         return answers[len(thought) - 1]
 

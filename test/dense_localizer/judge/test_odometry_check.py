@@ -69,6 +69,20 @@ def test_a_place_after_a_loss_must_be_where_odometry_says():
     assert drive.step(is_trusted=False).reason is Reason.NONE
 
 
+@pytest.mark.parametrize(("driven", "aside", "is_there"), [(9.0, 0.0, True), (9.0, 3.0, False), (11.0, 0.0, False)])
+def test_a_place_is_found_again_where_odometry_says_the_camera_has_gone_while_it_knows(driven, aside, is_there):
+    """By 5 % of the way it knows the position to 0.5 m after 10 m; nobody knows a place that was never sure."""
+    for is_trusted in (True, False):
+        check = OdometryCheck(ERROR)
+        check.propagate(SE3.identity(), is_trusted=False)
+        check.find(OdometrySample(STEP_NS, SE3.identity(), COVARIANCE, SE3.identity()))
+        check.propagate(SE3.identity(), is_trusted=is_trusted)
+        T_odom = SE3.from_planar(driven, 0.0, 0.0)
+        check.propagate(T_odom, is_trusted=False)
+        sample = OdometrySample(2 * STEP_NS, SE3.from_planar(driven, aside, 0.0), COVARIANCE, T_odom)
+        assert check.start(sample) == (is_there and is_trusted)
+
+
 def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed():
     drive, wrong = Drive(3).settle(), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
     drive.step()

@@ -160,6 +160,18 @@ def test_probation_lengthens_with_each_loss_up_to_its_bound():
     assert lengths == [3, 6, 12, 24, 48, 48, 48]
 
 
+def test_a_loss_of_a_pose_that_is_found_again_was_none():
+    machine = tracking()
+    for is_found_again, num_losses in ((False, 1), (False, 2), (True, 2), (True, 2)):
+        machine.lose()
+        machine.start(is_found_again=is_found_again)
+        assert (machine.state, machine.num_losses) == (State.PROBATION, num_losses)
+    machine.start(is_found_again=True)
+    machine.start(is_found_again=True)
+    machine.start(is_found_again=True)
+    assert machine.num_losses == 0
+
+
 def test_a_loss_is_forgiven_after_a_minute_of_tracking_each_without_doubts_between():
     machine = tracking()
     for _ in range(2):

@@ -9,6 +9,7 @@ from sphere_nav.photometric.align.esm import Alignment, register_rig
 from sphere_nav.photometric.align.problem import RigImage
 from sphere_nav.photometric.checks import lens
 from sphere_nav.photometric.checks.lens import NO_STEPS, find_stretches, solve_stretches
+from sphere_nav.photometric.constants import LENS_STEP
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import BESIDE, views_of
 
@@ -144,6 +145,22 @@ def test_an_image_may_resemble_the_map_less_on_the_way_to_a_lens_not_at_its_end(
     monkeypatch.setattr(lens, "register_rig", lambda *_: here)
     images = [RigImage(pyramid, views=tuple(views))]
     assert find_stretches(images, here, PARAMS, is_clear=False) == ([], {"": left} if left else {})
+
+
+@pytest.mark.parametrize(
+    ("share", "misfit", "share_told", "left"),
+    [(0.002, 3.6, LENS_STEP**-8 * 1.002 - 1.0, -8), (-0.06, 3.6, None, -11), (0.002, 3.7, None, 0), (0.06, 3.7, None, 0)],
+)
+def test_where_nothing_is_told_a_lens_that_is_far_off_is_tried(views, monkeypatch, share, misfit, share_told, left):
+    """It goes on from there only if the image fits better at once."""
+    answers = iter([([lens.Stretch("", -0.014, 0.02, STEP)], 4.0), ([lens.Stretch("", share, 0.002, STEP)], misfit)])
+    monkeypatch.setattr(lens, "measure_stretches", lambda *_: next(answers))
+    pyramid = build_pyramid(np.zeros((240, 320), np.uint8), LENSES[0], PARAMS.pyramid)
+    here = Alignment(BESIDE, np.eye(6), "", 1, 1000, 1.0, 1.0, 1.0, 0.9, (1.0,), (0.0,))
+    monkeypatch.setattr(lens, "register_rig", lambda *_: here)
+    found, longer = find_stretches([RigImage(pyramid, views=tuple(views))], here, PARAMS, far=-8, is_clear=False)
+    assert longer == ({"": left} if left else {})
+    assert [one.share for one in found] == ([pytest.approx(share_told)] if share_told else [])
 
 
 def test_what_pulls_an_image_of_a_right_lens_is_not_told_and_whole_spheres_have_no_lens(room, views):
