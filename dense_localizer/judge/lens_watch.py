@@ -89,9 +89,7 @@ class LensWatch:
             return self.finding
         self._far = -self._far
         how = candidate.alignment, params, candidate.motion, self._longer
-        found, self._longer = find_stretches(
-            candidate.images, *how, far=self._far, is_clear=not candidate.is_biased
-        )
+        found, self._longer = find_stretches(candidate.images, *how, far=self._far, is_clear=not candidate.is_biased)
         is_open = bool(self._longer and not found)
         self._num_left = 0 if is_open else INTEGRITY_PERIOD
         self.add(found, candidate.choice.ids[0])

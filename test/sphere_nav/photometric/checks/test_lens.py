@@ -149,7 +149,12 @@ def test_an_image_may_resemble_the_map_less_on_the_way_to_a_lens_not_at_its_end(
 
 @pytest.mark.parametrize(
     ("share", "misfit", "share_told", "left"),
-    [(0.002, 3.6, LENS_STEP**-8 * 1.002 - 1.0, -8), (-0.06, 3.6, None, -11), (0.002, 3.7, None, 0), (0.06, 3.7, None, 0)],
+    [
+        (0.002, 3.6, LENS_STEP**-8 * 1.002 - 1.0, -8),
+        (-0.06, 3.6, None, -11),
+        (0.002, 3.7, None, 0),
+        (0.06, 3.7, None, 0),
+    ],
 )
 def test_where_nothing_is_told_a_lens_that_is_far_off_is_tried(views, monkeypatch, share, misfit, share_told, left):
     """It goes on from there only if the image fits better at once."""
